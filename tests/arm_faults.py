@@ -13,7 +13,7 @@ from pydrake.systems.lcm import LcmSubscriberSystem
 from fmp_drake.runs import ArmRun
 from fmp_drake.runs.arm_bench import ArmBench
 from fmp_drake.station import LcmPanda, LoadScenario
-from fmp_drake.station.robots.panda_lcm import RawSerializer
+from fmp_drake.station.robots.panda_lcm import RawSerializer, TorquePublisher
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.systems import GateConfig, GateMode
 from fmp_drake.systems.interface.arm_model import joint_limits
@@ -92,6 +92,28 @@ class Reaction:
     torque: float
     speed_before: float
     speed_end: float
+
+
+class Neighbour(TorquePublisher):
+    """A publisher of the gate's commands with another program's beside each of them.
+
+    Attributes
+    ----------
+    before, after : callable or None
+        Torque of a command immediately before or after, of the gate's torque; or None.
+    stamp_offset : float
+        Of its stamps, s.
+    """
+
+    before = after = None
+    stamp_offset = 0.0
+
+    def __call__(self, torque, stamp):
+        if self.before is not None:
+            super().__call__(self.before(torque), stamp + self.stamp_offset)
+        super().__call__(torque, stamp)
+        if self.after is not None:
+            super().__call__(self.after(torque), stamp + self.stamp_offset)
 
 
 class Receiver:

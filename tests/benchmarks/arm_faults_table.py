@@ -4,16 +4,18 @@
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from arm_faults import NOW, FailingNetwork, Fault, frozen
+from arm_faults import NOW, FailingNetwork, Fault, Neighbour, frozen
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.station import models_dir
+from fmp_drake.station.robots import panda_lcm
 from fmp_drake.station.robots.panda_lcm import TorquePublisher
 
 
@@ -180,6 +182,8 @@ FAULTS = {
     "operator stops": "stop",
     "another controller sends zeros": "zeros",
     "another controller sends 5 Nm": "five",
+    "another controller just before ours": lambda _torque: np.zeros(7),
+    "another controller repeats ours, before": lambda torque: torque,
 }  # fmt: skip
 
 
@@ -189,6 +193,12 @@ def react(network, fault):
     if fault == "stop":
         network.run.stop()
         return network.react(Fault())
+    if callable(fault):
+        Neighbour.before = staticmethod(fault)
+        try:
+            return network.react(Fault())
+        finally:
+            Neighbour.before = None
     publish = TorquePublisher(network.bus, "PANDA_COMMAND")
     forward = TorquePublisher(network.arm_bus, "PANDA_COMMAND")
     value = np.full(7, 5.0 if fault == "five" else 0.0)
@@ -202,7 +212,41 @@ def react(network, fault):
     return network.react(Fault(status=other, duration=100))
 
 
+class Noticed:
+    """A change of messages, and the millisecond at which it first changed one."""
+
+    def __init__(self, change):
+        self.first, self._change = None, change
+
+    def __call__(self, ms, message, earlier):
+        before = message.encode()
+        messages = self._change(ms, message, earlier)
+        data = [m if isinstance(m, bytes) else m.encode() for m in messages]
+        if data != [before] and self.first is None:
+            self.first = ms
+        return messages
+
+
+class FewestDegrees:
+    """Movement where the operator stops the arm when a fault first changes a message."""
+
+    def __init__(self, skill):
+        self._skill, self._known = skill, {}
+
+    def __call__(self, first):
+        if first not in self._known:
+            network = FailingNetwork(self._skill).begin(500)
+            start = network.states[-1][:7]
+            network.advance(first)
+            network.run.stop()
+            network.advance(500 - first)
+            moved = np.abs(np.array(network.states[-500:])[:, :7] - start)
+            self._known[first] = float(np.degrees(np.max(moved)))
+        return self._known[first]
+
+
 def main(path):
+    panda_lcm.TorquePublisher = Neighbour
     shown = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
     skill = FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4).fit(shown)
     lines = [
@@ -210,22 +254,31 @@ def main(path):
         "",
         "A simulated Panda plays wiping. The fault comes 0.5 s after it was enabled, while",
         "it approaches the board. Within 500 ms after the fault: the largest movement of a",
-        "joint, and the largest fractions of its limits of speed (and before) and torque.",
+        "joint, and the largest fractions of its limits of speed (also before) and torque.",
         "Where no time is given, the arm was not stopped, and its movement is that of the",
-        "skill.",
+        "skill. *At best* is the movement if the operator stops the arm in the millisecond",
+        "in which the fault changes the first message.",
         "",
-        "| fault | stopped after, ms | as | moved, degrees | speed before | speed | torque |",
-        "|---|---|---|---|---|---|---|",
+        "| fault | stopped after, ms | as | degrees | at best | before | speed | torque |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     Path(path).parent.mkdir(parents=True, exist_ok=True)
+    fewest_degrees = FewestDegrees(skill)
     for name, fault in FAULTS.items():
+        first = 0
+        if isinstance(fault, Fault):
+            changes = Noticed(fault.status), Noticed(fault.command)
+            fault = replace(fault, status=changes[0], command=changes[1])
         network = FailingNetwork(skill).begin(500)
         reaction = react(network, fault)
+        if isinstance(fault, Fault):
+            first = min((c.first for c in changes if c.first is not None), default=0)
         after = "" if reaction.stopped_after is None else reaction.stopped_after
         lines.append(
             f"| {name} | {after} | {reaction.faults.name or ''} | "
-            f"{np.degrees(reaction.moved):.2f} | {reaction.speed_before:.3f} | "
-            f"{reaction.speed:.3f} | {reaction.torque:.3f} |"
+            f"{np.degrees(reaction.moved):.2f} | {fewest_degrees(first):.2f} | "
+            f"{reaction.speed_before:.3f} | {reaction.speed:.3f} | "
+            f"{reaction.torque:.3f} |"
         )
         print(lines[-1], flush=True)  # noqa: T201
         Path(path).write_text("\n".join(lines) + "\n")

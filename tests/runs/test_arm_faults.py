@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from arm_faults import LIMITS, NOW, FailingNetwork, Fault, frozen
+from arm_faults import LIMITS, NOW, FailingNetwork, Fault, Neighbour, frozen
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs.arm_bench import Reaction
@@ -120,28 +120,6 @@ def test_an_arm_stops_where_another_program_commands_it(skill):
     assert np.max(np.abs(network.states[-1][:7] - before)) < LARGEST
 
 
-class Neighbour(TorquePublisher):
-    """A publisher of the gate's commands with another program's beside each of them.
-
-    Attributes
-    ----------
-    before, after : callable or None
-        Torque of a command immediately before or after, of the gate's torque; or None.
-    stamp_offset : float
-        Of its stamps, s.
-    """
-
-    before = after = None
-    stamp_offset = 0.0
-
-    def __call__(self, torque, stamp):
-        if self.before is not None:
-            super().__call__(self.before(torque), stamp + self.stamp_offset)
-        super().__call__(torque, stamp)
-        if self.after is not None:
-            super().__call__(self.after(torque), stamp + self.stamp_offset)
-
-
 @pytest.fixture
 def neighbour(monkeypatch):
     """Let a program that begins when told send beside the gate."""
@@ -244,6 +222,31 @@ def test_displaced_arm_returns_slowly(skill, joints):
     network.advance(500)
     assert not network.run.stops[1:]
     assert np.max(np.abs(network.states[-1][7:]) / LIMITS.speed) < 0.5
+
+
+@pytest.mark.parametrize("pause", [10, 40])
+def test_torque_goes_to_zero_while_statuses_are_missing_for_20_ms(skill, pause):
+    network = FailingNetwork(skill).begin(500)
+    network.fault = Fault(status=lambda *_: [], duration=pause)
+    network.began = network.ticks
+    network.advance(pause)
+    before, end = np.abs(np.array(network.torques)[[-pause - 1, -1]]).max(axis=1)
+    # The torque of 7 Nm decreases from 20 ms to 28 ms.
+    assert before > 5
+    assert (end == 0) == (pause == 40)
+    network.advance(500)
+    assert network.run.mode is GateMode.OPEN
+    assert not network.run.stops
+    assert np.max(np.abs(network.torques[-1])) > 1
+    assert network.bench.torque_rate <= 1000
+
+
+def test_without_statuses_the_arm_moves_by_less_than_4_degrees(skill):
+    network = FailingNetwork(skill).begin(500)
+    reaction = network.react(Fault(status=lambda *_: []))
+    assert reaction.faults is GateFault.STALE
+    assert reaction.moved < np.radians(4.0)
+    assert reaction.speed < reaction.speed_before + 0.1
 
 
 @pytest.mark.parametrize("hertz", [200, 1000])

@@ -29,6 +29,8 @@ _ROBOT_PERIOD = 0.001
 # Damping of each joint in a return and in a stop, Nm s/rad: that of drake-franka-driver
 # for an arm without commands. Twice as much oscillates where messages are 5 ms late.
 _DAMPING = np.array([37.5, 50, 37.5, 25, 5, 3.75, 2.5])
+# Time without a new status after which the torque goes to zero, without a stop, s.
+_BLIND_TIME = 0.02
 # Longest time for which a stop is braked, s.
 _BRAKE_TIME = 0.3
 # Latest time that the stamp of a message, 64 bits of microseconds, can represent, s.
@@ -129,7 +131,8 @@ class GateMode(IntEnum):
       are slow, until the controller needs no more of it.
 
     Zero torque leaves the arm floating under gravity compensation. Without commands the
-    robot damps its joints, so nothing is sent once the torque is zero.
+    robot damps its joints, so nothing is sent once the torque is zero. While no new
+    status has come for 20 ms, an open gate brings the torque to zero, until the next one.
 
     Examples
     --------
@@ -171,6 +174,8 @@ class GateState(NamedTuple):
     timer : float
         In a return: time for which the controller's torque has been small, s. In a stop:
         time since it began, s.
+    arrival : float
+        Time at which the newest status came, s of the wall clock.
     track : StatusTrack
         Memory of the statuses.
     commands : CommandTrack
@@ -185,6 +190,7 @@ class GateState(NamedTuple):
     go: float = 0.0
     stamp: float = 0.0
     timer: float = 0.0
+    arrival: float = -np.inf
     track: StatusTrack = initial_track()
     commands: CommandTrack = CommandTrack()
 
@@ -354,7 +360,9 @@ def gate_step(
         # Once a stop has brought the torque to zero, nothing is sent again.
         if was_active and timer < _BRAKE_TIME and not reasons & _UNTRUSTED:
             desired = brake_torque(limits, reading)
-    if config.dry:
+    is_new = in_time and reading.time > state.status_time
+    arrival = wall_time if is_new else state.arrival
+    if config.dry or (mode.is_enabled and wall_time - arrival > _BLIND_TIME):
         desired = np.zeros(JOINTS)
     sent = limited_change(
         state.torque,
@@ -372,6 +380,7 @@ def gate_step(
         state.go if math.isnan(go) else max(go, state.go),
         wall_time if is_live else state.stamp,
         timer,
+        arrival,
         track,
         commands,
     )
