@@ -8,6 +8,7 @@ import pytest
 from fmp_drake.experiments.trials import TrialSpec
 from fmp_drake.experiments.trials.running import as_stored
 from fmp_drake.experiments.trials.trial import faults
+from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.runs import WipingRun
 from fmp_drake.station import LoadScenario
 from fmp_drake.systems import StatusFlag
@@ -55,3 +56,32 @@ def test_an_arm_that_runs_away_is_stopped_shown_reported_and_judged(wiping_skill
     drawn = TrialSpec.load("default").draw(seed=0, number=0)
     trial = replace(drawn, metrics=as_stored(run.metrics()))
     assert "stop" in {fault.kind for fault in faults(trial)}
+
+
+@pytest.mark.parametrize(
+    ("disturbance", "largest"),
+    [
+        (Disturbance(start=1.0, duration=0.2, force=[0.0, 0.0, -120.0]), 200.0),
+        # Without the retreat it is 81 N.
+        (CASES[StatusFlag.FORCE_OSCILLATION][0], 75.0),
+    ],
+)
+def test_a_stopped_tool_is_not_thrown_against_the_board(
+    wiping_demonstration, disturbance, largest
+):
+    skill = FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4)
+    skill.fit(wiping_demonstration)
+    scenario = LoadScenario("table_top")
+    scenario.skill.candidates = 1
+    scenario.impedance.force_control.enabled = True
+    scenario.disturbances = [disturbance]
+    run = WipingRun(scenario, skill, start=(0, 0, 0.01))
+    run.advance_to(1.0)
+    forces, is_stopped = [], False
+    for k in range(500):
+        run.advance_to(1.001 + 1e-3 * k)
+        flags = int(run.output("status")[0])
+        is_stopped |= bool(flags & StatusFlag.PROTECTIVE_STOP)
+        forces.append(run.output("normal_force")[0])
+    assert is_stopped
+    assert max(forces) < largest

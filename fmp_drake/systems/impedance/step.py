@@ -37,7 +37,12 @@ from fmp_drake.systems.impedance.joints import (
     limited_torque,
     rate_scale,
 )
-from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law, re_expressed
+from fmp_drake.systems.impedance.law import (
+    ArmDynamics,
+    impedance_law,
+    mobility,
+    re_expressed,
+)
 from fmp_drake.systems.impedance.records import (
     LAYOUT,
     MEMORY,
@@ -86,6 +91,9 @@ _PROTECTIVE_STOP = int(StatusFlag.PROTECTIVE_STOP)
 _SPEED_EXCEEDED = int(StatusFlag.SPEED_EXCEEDED)
 _STIFFNESS_REFUSED = int(StatusFlag.STIFFNESS_REFUSED)
 _TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
+# In a stop: time constant with which the tool's motion along the normal comes to rest, s,
+# and distance by which it retreats from the surface where a force was the reason, m.
+_NORMAL_DAMPING_TIME, _RETREAT = 0.01, 0.02
 
 
 @compiled
@@ -239,6 +247,11 @@ def _next_torque(
         settings, memory, inputs, contact, fraction, arm_T, X_TE
     )
 
+    if watchdog.mode == STOPPED:
+        # The same push throws a lightly damped tool against the surface.
+        inverse_mass = mobility(arm_T.M, arm_T.J)[5, 5]
+        mass = 1 / max(inverse_mass, 1 / config.max_effective_mass)
+        wrench[5] -= mass / _NORMAL_DAMPING_TIME * _normal_speed(inputs, arm_T, X_TE)
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error)
     error[5] += force.state.surface
     K, energy, stiffness_flags = _next_stiffness(settings, memory, inputs, error)
@@ -275,7 +288,7 @@ def _next_torque(
     )
     if force_flags != 0:
         if watchdog.mode != STOPPED:
-            held = stop_pose
+            held = Pose(stop_pose.R, stop_pose.p + _RETREAT * X_WT.R[:, 2])
         watchdog, fraction = WatchdogState(STOPPED, 0.0, 0.0), 0.0
     status = status_of_update(
         flags | force_flags | stiffness_flags,
@@ -417,15 +430,20 @@ def _task_wrench(
         ),
         settings.config.control_period,
     )
-    # The tool's speed relative to T, along z.
-    w, p = inputs.frame_twist, X_TE.p
-    rising = dot(arm_T.J[5], arm_T.v) - w[5] - (w[0] * p[1] - w[1] * p[0])
+    rising = _normal_speed(inputs, arm_T, X_TE)
     factor = approach_factor(config, memory.force.surface, height, -rising)
     factor *= engagement(-height - config.search_range, settings.engage_height)
     wrench[5] += pressing * (1 - factor) + lifting
     wrench *= fraction
     wrench[5] -= force.correction
     return wrench, force, desired, measured
+
+
+@inlined
+def _normal_speed(inputs: StepInputs, arm_T: ArmDynamics, X_TE: Pose) -> float:
+    """Return the tool's speed relative to T, along z, m/s."""
+    w, p = inputs.frame_twist, X_TE.p
+    return dot(arm_T.J[5], arm_T.v) - w[5] - (w[0] * p[1] - w[1] * p[0])
 
 
 @inlined
