@@ -1,5 +1,6 @@
 """Facts about Ctrl-C and SIGTERM: one line, and the exit code of the signal."""
 
+import json
 import os
 import random
 import signal
@@ -9,6 +10,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+import matplotlib.image
+import numpy as np
 import pytest
 
 from fmp_drake.apps import commands
@@ -18,12 +21,25 @@ from fmp_drake.station.models.model_files import models_dir
 WIPING = models_dir() / "demonstrations" / "wiping.npz"
 COMMANDS = {
     "wipe": ["wipe", "--duration", "60", "--report", "report.json"],
-    "check": ["check"],
+    "wipe headless": [
+        *("wipe", "--headless", "--duration", "3", "--report", "report.json"),
+        *("--plot", "plot.png", "--log", "log.npz"),
+    ],
+    "check": ["check", "--plot", "check.png", "--report", "check.json"],
     "learn": ["learn", str(WIPING), "--out", "skill.npz"],
+    "inspect": ["inspect", str(WIPING), "--plot", "plot.png"],
     "teach": ["teach"],
-    "record": ["record", "--out", "demo.npz"],
-    "worlds": ["worlds", "default", "--count", "4", "--out", "out", "--jobs", "1"],
-    "arm": ["arm"],
+    "record": ["record", "--duration", "5", "--out", "demo.npz"],
+    "worlds": [
+        *("worlds", "default", "--count", "2", "--duration", "1", "--jobs", "1"),
+        *("--out", "out", "--markdown", "report.md"),
+    ],
+    "reproduce": ["reproduce", "--quick", "--out", "out"],
+    "benchmark": ["benchmark", str(WIPING.parent), "--quick", "--out", "out"],
+    "arm": ["arm", "--duration", "3", "--report", "report.json"],
+    "arm guided": ["arm", "--task", "wiping", "--duration", "3"],
+    "robots": ["robots"],
+    "scenarios": ["scenarios"],
 }
 
 
@@ -63,30 +79,70 @@ def processor_seconds(pid):
     return 0.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", COMMANDS)
-def test_ctrl_c_at_any_time_ends_in_one_line(name, tmp_path):
-    process = start(tmp_path, *COMMANDS[name])
-    # The instant differs from run to run on purpose. Before 0.3 s of a processor Python
-    # itself may be starting, which nobody can catch.
+def signalled(process, number):
+    """Send a signal after a random time of a processor; return that time, s.
+
+    The instant differs from run to run on purpose. Before 0.3 s of a processor Python
+    itself may be starting, which nobody can catch. The time is None where the command
+    ended earlier.
+    """
     delay, end = random.uniform(0.3, 4.0), time.monotonic() + 20.0
     while process.poll() is None and time.monotonic() < end:
         if processor_seconds(process.pid) > delay:
             break
         time.sleep(0.01)
-    has_ended = process.poll() is not None
-    if not has_ended:
-        os.killpg(process.pid, signal.SIGINT)
+    if process.poll() is not None:
+        return None
+    os.killpg(process.pid, number)
+    return delay
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("name", COMMANDS)
+def test_signal_at_any_time_ends_in_one_line(name, number, tmp_path):
+    process = start(tmp_path, *COMMANDS[name])
+    delay = signalled(process, number)
+    has_ended = delay is None
     output, errors = process.communicate(timeout=60)
     # Python itself takes a moment to end, in which a signal still ends it.
     if output.endswith("over\n"):
-        has_ended = has_ended or process.returncode == -signal.SIGINT
+        has_ended = has_ended or process.returncode in (-number, 0)
     lines = [line for line in errors.splitlines() if line]
     assert "Traceback" not in errors, (delay, errors)
-    assert has_ended or process.returncode == 130, (delay, errors)
+    assert has_ended or process.returncode == 128 + number, (delay, errors)
     assert has_ended or lines[-1] == "fmp-drake: stopped.", (delay, errors)
     assert len(lines) <= 2, (delay, errors)  # The other one says that it compiles.
-    assert not list(tmp_path.glob(".*"))
+    assert_whole(tmp_path)
+    assert not list(tmp_path.rglob(".*"))
+
+
+def assert_whole(folder):
+    """Check that each file under its own name can be read."""
+    for path in folder.rglob("[!.]*.*"):
+        if path.suffix == ".npz":
+            with np.load(path) as file:
+                assert all(file[name].size >= 0 for name in file.files)
+        elif path.suffix == ".json":
+            json.loads(path.read_text())
+        elif path.suffix == ".png":
+            assert matplotlib.image.imread(path).size
+        else:
+            assert path.stat().st_size
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["learn", "wipe headless", "worlds"])
+def test_killed_command_leaves_whole_files_and_does_not_block_the_next(name, tmp_path):
+    process = start(tmp_path, *COMMANDS[name])
+    signalled(process, signal.SIGKILL)
+    process.communicate(timeout=60)
+    assert_whole(tmp_path)
+    again = start(tmp_path, *COMMANDS[name])
+    _, errors = again.communicate(timeout=300)
+    assert again.returncode in (0, 1), errors
+    assert_whole(tmp_path)
+    assert not list(tmp_path.rglob(".*.part*"))
 
 
 EARLY = """
