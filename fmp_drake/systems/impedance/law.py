@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
 from fmp_drake.systems.impedance.algebra import (
+    TaskTarget,
     applied,
     cholesky,
     dot,
@@ -42,6 +43,9 @@ from fmp_drake.systems.impedance.algebra import (
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 
 Array = NDArray[np.float64]
+
+# Time constant with which a stopped tool's motion along the normal comes to rest, s.
+_DAMPING_TIME = 0.01
 
 
 class ArmDynamics(NamedTuple):
@@ -225,6 +229,50 @@ def spring_wrench(
     )
     torque = inverse_left_jacobian(rotation, wrench[:3])
     return stacked(torque, wrench[3:]), clipped
+
+
+@compiled
+def normal_speed(arm: ArmDynamics, position: Array, frame_twist: Array) -> float:
+    """Return the tool's speed relative to T, along z of T, m/s.
+
+    Parameters
+    ----------
+    arm : ArmDynamics
+        Expressed in T.
+    position : array, shape (3,)
+        p_TE, m.
+    frame_twist : array, shape (6,)
+        Twist of T in its own axes, rad/s and m/s.
+    """
+    w, p = frame_twist, position
+    return dot(arm.J[5], arm.v) - w[5] - (w[0] * p[1] - w[1] * p[0])
+
+
+@compiled
+def normal_damping(
+    config: ImpedanceConfig, arm: ArmDynamics, position: Array, frame_twist: Array
+) -> float:
+    """Return the force that brings the tool to rest along z of T, in 10 ms, N.
+
+    It is ``m v / t``, with the effective mass of the tool along z and `normal_speed`.
+    Parameters are those of `normal_speed`.
+    """
+    inverse_mass = mobility(arm.M, arm.J)[5, 5]
+    mass = 1 / max(inverse_mass, 1 / config.max_effective_mass)
+    return mass / _DAMPING_TIME * normal_speed(arm, position, frame_twist)
+
+
+@compiled
+def without_normal_feedforward(target: TaskTarget, fraction: float) -> TaskTarget:
+    """Fade out the feed-forward of the motion along T's z, where a normal force acts.
+
+    A tool in contact moves with the surface. The inertia and damping of another motion
+    would act against the normal force.
+    """
+    V, A = target.V.copy(), target.A.copy()
+    V[5] *= 1 - fraction
+    A[5] *= 1 - fraction
+    return TaskTarget(target.X, V, A)
 
 
 @compiled

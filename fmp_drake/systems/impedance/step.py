@@ -14,7 +14,6 @@ from fmp_drake.systems.impedance.algebra import (
     blended,
     compose,
     cross,
-    dot,
     motion_in_world,
     relative,
     task_error,
@@ -40,8 +39,10 @@ from fmp_drake.systems.impedance.joints import (
 from fmp_drake.systems.impedance.law import (
     ArmDynamics,
     impedance_law,
-    mobility,
+    normal_damping,
+    normal_speed,
     re_expressed,
+    without_normal_feedforward,
 )
 from fmp_drake.systems.impedance.records import (
     LAYOUT,
@@ -91,9 +92,8 @@ _PROTECTIVE_STOP = int(StatusFlag.PROTECTIVE_STOP)
 _SPEED_EXCEEDED = int(StatusFlag.SPEED_EXCEEDED)
 _STIFFNESS_REFUSED = int(StatusFlag.STIFFNESS_REFUSED)
 _TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
-# In a stop: time constant with which the tool's motion along the normal comes to rest, s,
-# and distance by which it retreats from the surface where a force was the reason, m.
-_NORMAL_DAMPING_TIME, _RETREAT = 0.01, 0.02
+# Distance by which the tool retreats from the surface after a stop because of its force, m.
+_RETREAT = 0.02
 
 
 @compiled
@@ -249,9 +249,7 @@ def _next_torque(
 
     if watchdog.mode == STOPPED:
         # The same push throws a lightly damped tool against the surface.
-        inverse_mass = mobility(arm_T.M, arm_T.J)[5, 5]
-        mass = 1 / max(inverse_mass, 1 / config.max_effective_mass)
-        wrench[5] -= mass / _NORMAL_DAMPING_TIME * _normal_speed(inputs, arm_T, X_TE)
+        wrench[5] -= normal_damping(config, arm_T, X_TE.p, inputs.frame_twist)
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error)
     error[5] += force.state.surface
     K, energy, stiffness_flags = _next_stiffness(settings, memory, inputs, error)
@@ -379,7 +377,7 @@ def _followed_target(
     """Return the motion to follow: a fraction of the target, the rest the held pose."""
     X_WT, target = inputs.X_WT, inputs.target
     if inputs.desired_normal_force > 0:
-        target = _without_normal_feedforward(target, contact.engaged * contact.near)
+        target = without_normal_feedforward(target, contact.engaged * contact.near)
     if fraction > 0:
         target = motion_in_world(target, inputs.frame_twist, inputs.frame_acceleration)
         if fraction < 1:
@@ -430,33 +428,13 @@ def _task_wrench(
         ),
         settings.config.control_period,
     )
-    rising = _normal_speed(inputs, arm_T, X_TE)
+    rising = normal_speed(arm_T, X_TE.p, inputs.frame_twist)
     factor = approach_factor(config, memory.force.surface, height, -rising)
     factor *= engagement(-height - config.search_range, settings.engage_height)
     wrench[5] += pressing * (1 - factor) + lifting
     wrench *= fraction
     wrench[5] -= force.correction
     return wrench, force, desired, measured
-
-
-@inlined
-def _normal_speed(inputs: StepInputs, arm_T: ArmDynamics, X_TE: Pose) -> float:
-    """Return the tool's speed relative to T, along z, m/s."""
-    w, p = inputs.frame_twist, X_TE.p
-    return dot(arm_T.J[5], arm_T.v) - w[5] - (w[0] * p[1] - w[1] * p[0])
-
-
-@inlined
-def _without_normal_feedforward(target: TaskTarget, fraction: float) -> TaskTarget:
-    """Fade out the feed-forward of the motion along T's z, where a normal force acts.
-
-    A tool in contact moves with the surface. The inertia and damping of another motion
-    would act against the normal force.
-    """
-    V, A = target.V.copy(), target.A.copy()
-    V[5] *= 1 - fraction
-    A[5] *= 1 - fraction
-    return TaskTarget(target.X, V, A)
 
 
 @inlined
