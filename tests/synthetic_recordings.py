@@ -117,3 +117,101 @@ def synthetic_recording(seed):
     values = np.concatenate(pieces)
     values = values + smooth_noise(rng, len(values), channels, rng.uniform(2e-4, 1e-3))
     return Synthetic(values, moved / cycles / RATE, cycles, left_out)
+
+
+APPROACHES = ("straight", "curved", "slow", "pause", "lift", "blended")
+SHAPES = ("random", "circle", "strokes", "eight", "scrub")
+
+
+def named_curve(rng, shape, channels):
+    """Return a function from phases (n,) to points (n, D) of a curve of a shape."""
+    if shape == "random":
+        return random_curve(rng, channels)
+    plane = np.linalg.qr(rng.standard_normal((channels, 2)))[0]
+    width, angle = rng.uniform(0.4, 1.0), rng.uniform(0, 2 * np.pi)
+    sign = rng.choice([-1, 1])
+    x_and_y = {
+        "circle": lambda p: (
+            np.cos(p) + 0.08 * np.cos(2 * p + angle),
+            width * np.sin(p) + 0.08 * np.sin(2 * p + angle),
+        ),
+        "strokes": lambda p: (np.cos(p), 0.15 * width * np.sin(p + angle)),
+        "eight": lambda p: (np.sin(p), 0.6 * width * np.sin(2 * p)),
+        "scrub": lambda p: (np.cos(p), 0.35 * width * np.sin(3 * p + angle)),
+    }[shape]
+
+    def curve(phase):
+        return 0.1 * np.column_stack(x_and_y(sign * np.asarray(phase))) @ plane.T
+
+    return curve
+
+
+def approach_path(rng, kind, end, velocity):
+    """Return a path (n, D) of a kind from rest to an end, where it has a velocity or rests."""
+    direction = rng.standard_normal(len(end))
+    start = end + rng.uniform(0.2, 0.5) * direction / np.linalg.norm(direction)
+    count = round(
+        rng.uniform(3, 6) * RATE if kind == "slow" else rng.uniform(1, 3) * RATE
+    )
+    path = eased(start, end, count)
+    if kind == "curved":
+        bend = rng.standard_normal(len(end))
+        bend *= 0.4 * np.linalg.norm(start - end) / np.linalg.norm(bend)
+        part = (path - start) @ (end - start) / np.sum((end - start) ** 2)
+        path = path + 4 * (part * (1 - part))[:, None] * bend
+    elif kind == "pause":
+        path = np.vstack([path, np.tile(end, (round(rng.uniform(0.5, 2) * RATE), 1))])
+    elif kind == "lift":
+        above = end + 0.15 * rng.standard_normal(len(end))
+        down = eased(above, end, round(rng.uniform(0.6, 1.5) * RATE))
+        path = np.vstack([eased(start, above, count), down])
+    elif kind == "blended":
+        t = np.linspace(0, 1, count + 2)[1:-1, None]
+        path = start + (end - start) * t**2 * (3 - 2 * t)
+        path += (t**3 - t**2) * velocity * (count + 1)
+    if rng.random() < 0.3:
+        path = np.vstack(
+            [np.tile(path[0], (round(rng.uniform(0.3, 2) * RATE), 1)), path]
+        )
+    return path
+
+
+def few_cycles(seed, cycles, *, has_approach=True):
+    """Draw a number of cycles, with an approach and a retreat of the same kind or without.
+
+    Shape, tempo, amplitude and centre vary as those of a hand. Seeds differ in the kind of the
+    approach and, by six, in the shape.
+    """
+    rng = np.random.default_rng([seed, round(100 * cycles)])
+    channels = int(rng.integers(2, 4))
+    kind = APPROACHES[seed % len(APPROACHES)]
+    shape = SHAPES[seed // len(APPROACHES) % len(SHAPES)]
+    curve = named_curve(rng, shape, channels)
+    period = rng.uniform(1.5, 6.0) * RATE
+    count = round(cycles * period) + 1
+    phase = varying_phase(rng, count, period, rng.uniform(0, 0.1))
+    phase = phase[0] + (phase - phase[0]) * 2 * np.pi * cycles / (phase[-1] - phase[0])
+    path = curve(phase)
+    if rng.random() < 0.5:
+        width = round(period)
+        noise = np.convolve(
+            rng.standard_normal(count + width - 1), np.hanning(width), "valid"
+        )
+        path = path * (1 + 0.06 * noise / np.linalg.norm(np.hanning(width)))[:, None]
+    if rng.random() < 0.5:
+        drift = rng.standard_normal(channels)
+        drift *= rng.uniform(0, 0.03) / np.linalg.norm(drift)
+        path = path + np.linspace(0, 1, count)[:, None] * drift
+    pieces, left_out = [path], []
+    if has_approach:
+        approach = approach_path(rng, kind, path[0], path[1] - path[0])
+        retreat = approach_path(rng, kind, path[-1], path[-2] - path[-1])[::-1]
+        pieces = [approach, path, retreat]
+        begin, end = len(approach) / RATE, (len(approach) + count) / RATE
+        left_out = [
+            (0.0, begin, "approach"),
+            (end, end + len(retreat) / RATE, "retreat"),
+        ]
+    values = np.concatenate(pieces)
+    values = values + smooth_noise(rng, len(values), channels, rng.uniform(2e-4, 1e-3))
+    return Synthetic(values, (count - 1) / RATE / cycles, cycles, left_out)

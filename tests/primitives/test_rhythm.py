@@ -6,6 +6,7 @@ from scipy.ndimage import gaussian_filter1d
 from synthetic_recordings import (
     RATE,
     eased,
+    few_cycles,
     random_curve,
     smooth_noise,
     synthetic_recording,
@@ -19,6 +20,11 @@ from fmp_drake.primitives import (
     find_rhythm,
     load_skill,
     save_skill,
+)
+from fmp_drake.primitives.model.phase.self_alignment import (
+    aligned_period,
+    aligned_samples,
+    self_alignments,
 )
 
 
@@ -233,10 +239,99 @@ def test_the_rhythm_of_positions_is_found_beside_all_other_channels(
     assert found.cycles == pytest.approx(alone.cycles, abs=0.1)
 
 
-def test_one_and_a_half_cycles_after_an_approach_are_found(real_demonstration_paths):
-    with np.load(real_demonstration_paths["car_fender_3"]) as file:
+def found_of_few_cycles(seeds, cycles):
+    """Return the fractions of periods that are right and wrong, and of right bout ends."""
+    is_right, is_wrong, ends = [], [], []
+    for seed in seeds:
+        truth = few_cycles(seed, cycles)
+        try:
+            found = find_rhythm(demonstration(truth.values))
+        except DemonstrationError:
+            found = None
+        is_right.append(
+            found is not None and abs(found.period / truth.period - 1) < 0.08
+        )
+        is_wrong.append(found is not None and not is_right[-1])
+        if is_right[-1]:
+            (_, begin, _), (end, _, _) = truth.left_out
+            ends += [
+                abs(found.bouts[0].start - begin) <= 0.3,
+                abs(found.bouts[-1].end - end) <= 0.3,
+            ]
+    return np.mean(is_right), np.mean(is_wrong), np.mean(ends)
+
+
+@pytest.mark.parametrize(
+    ("cycles", "least"), [(1.3, 0.6), (1.5, 0.9), (2.2, 0.9), (3, 0.9)]
+)
+def test_few_cycles_between_approach_and_retreat_are_found(cycles, least):
+    is_right, is_wrong, ends = found_of_few_cycles(range(700, 730), cycles)
+    assert is_right >= least
+    assert is_wrong <= 0.04
+    assert ends >= 0.9
+
+
+@pytest.mark.parametrize(
+    ("name", "cycles"),
+    [
+        ("car_fender_3", (1.5, 2, 2.5, 3)),
+        ("car_rim_1", (1.5, 2, 2.5)),
+        ("car_rim_4", (3, 4)),
+        ("drums_05", (1.5,)),
+        ("panda_mixing", (1.5,)),
+        ("panda_mixing_pan", (1.5, 2, 3, 4)),
+        ("panda_wiping_big_board_2_loop", (1.5, 2)),
+        ("panda_wiping_loop", (1.5,)),
+    ],
+)
+def test_few_cycles_of_real_recordings_are_found(
+    real_demonstration_paths, name, cycles
+):
+    with np.load(real_demonstration_paths[name]) as file:
         recording = Demonstration(time=file["time"], values=file["position"])
-    assert find_rhythm(recording, end_time=9.45).period == pytest.approx(5.4, rel=0.05)
+    whole = find_rhythm(recording)
+    for count in cycles:
+        end = whole.bouts[0].start + count * whole.period
+        found = find_rhythm(recording, end_time=end)
+        assert found.period == pytest.approx(whole.period, rel=0.08)
+
+
+def test_irregular_cycles_are_refused_not_guessed(real_demonstration_paths):
+    with np.load(real_demonstration_paths["car_rim_4"]) as file:
+        recording = Demonstration(time=file["time"], values=file["position"])
+    with pytest.raises(DemonstrationError, match="no part of it comes again"):
+        find_rhythm(recording, end_time=6.9)
+
+
+def test_the_best_alignment_joins_equal_parts():
+    rng = np.random.default_rng(3)
+    path = np.cumsum(gaussian_filter1d(rng.standard_normal((60, 2)), 5, axis=0), axis=0)
+    away = eased(path[-1], path[-1] + 10, 40)
+    back = eased(away[-1], path[0], 40)
+    values = np.concatenate([away[:20] + 20, path, away, back, path, away[::-1]])
+    (best,) = self_alignments(values, 8, 200, most=1)
+    assert best.period == pytest.approx(140, abs=2)
+    assert (best.start, best.end) == pytest.approx((20, 220), abs=8)
+    assert aligned_period([values]) == best.period
+    (mask,) = aligned_samples([values], 140)
+    assert np.flatnonzero(mask)[[0, -1]] == pytest.approx((20, 219), abs=8)
+
+
+def test_alignment_does_not_depend_on_size_place_or_direction():
+    values = few_cycles(731, 1.6).values
+    (best,) = self_alignments(values, 8, 200, most=1)
+    (other,) = self_alignments(3 * values + 1, 8, 200, most=1)
+    assert other == pytest.approx(best)
+    (backwards,) = self_alignments(values[::-1], 8, 200, most=1)
+    assert backwards.period == pytest.approx(best.period, rel=0.03)
+    ends = len(values) - backwards.end, len(values) - backwards.start
+    assert ends == pytest.approx((best.start, best.end), abs=5)
+
+
+def test_rest_is_not_similar_to_rest():
+    assert aligned_period([np.zeros((200, 2))]) is None
+    step = np.concatenate([np.zeros((90, 2)), eased(np.zeros(2), np.ones(2), 20)])
+    assert aligned_period([np.concatenate([step, np.ones((90, 2))])]) is None
 
 
 def test_two_of_six_cycles_are_not_mistaken_for_one(real_demonstration_paths):

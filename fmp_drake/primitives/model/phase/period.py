@@ -14,9 +14,8 @@ _ALMOST = 0.8
 _LEAST_CORRELATION = 0.2
 _MOST_PERIODS = 8
 _FIRST_PEAKS = 3
-# Similarity of neighbouring cycles, and of a part of them, that counts as a repetition.
-SIMILAR, SIMILAR_PART = 0.55, 0.85
-PART = 0.45
+SIMILAR = 0.55
+"""Similarity of neighbouring cycles that counts as a repetition."""
 # Variance of a segment, relative to the recording, below which it is at rest.
 _LEAST_ENERGY = 0.02
 # Range of lags, samples, and their relative step.
@@ -204,33 +203,22 @@ def similarity(
     return np.where(energy > least, 1 - distance / np.maximum(energy, 1e-300), 0.0)
 
 
-def local_periods(
-    recordings: Sequence[NDArray[np.float64]], *, fraction: float = 1.0
-) -> list[float]:
+def local_periods(recordings: Sequence[NDArray[np.float64]]) -> list[float]:
     """Return candidates of the period, in samples, the most likely first.
 
     They are found from similar neighbouring segments, so other parts of a recording,
     such as an approach, a pause or another bout, do not matter.
-
-    Parameters
-    ----------
-    recordings : sequence of ndarray, shape (n, D)
-    fraction : float
-        Least part of a cycle that must repeat: `PART` where there may be fewer than two
-        cycles.
     """
-    size = max(map(len, recordings))
-    longest = min(_LONGEST_LAG, int(size / (1 + fraction)))
+    longest = min(_LONGEST_LAG, max(map(len, recordings)) // 2)
     if longest < _SHORTEST_LAG + 2:
         return []
     count = int(np.log(longest / _SHORTEST_LAG) / np.log(1 + _LAG_STEP)) + 2
     lags = np.unique(np.geomspace(_SHORTEST_LAG, longest, count).astype(int))
     scores = np.zeros(len(lags))
-    least = SIMILAR if fraction == 1 else SIMILAR_PART
     for i, lag in enumerate(lags.tolist()):
         for y in recordings:
-            similar = similarity(y, lag, max(2, round(fraction * lag)))
-            scores[i] += np.sum(similar[similar > least] ** 2)
+            similar = similarity(y, lag, lag)
+            scores[i] += np.sum(similar[similar > SIMILAR] ** 2)
     if not scores.max() > 0:
         return []
     padded = np.concatenate([[-1.0], scores, [-1.0]])

@@ -9,12 +9,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial import KDTree
 
 from fmp_drake.primitives.model.phase.cycle import Cycle
-from fmp_drake.primitives.model.phase.period import (
-    PART,
-    SIMILAR,
-    SIMILAR_PART,
-    similarity,
-)
+from fmp_drake.primitives.model.phase.period import SIMILAR, similarity
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -35,8 +30,6 @@ _LIMIT_QUANTILE, _LIMIT_FACTOR, _EXIT_FACTOR = 0.9, 1.5, 2.0
 # Phase velocities at rest and nearly at rest, relative to the mean. They are not evaluated
 # where the squared velocity of the cycle, relative to its mean, is below the last value.
 _REST_VELOCITY, _SLOW_VELOCITY, _LEAST_SQUARED_VELOCITY = 0.3, 0.6, 0.1
-# Number of cycles up to which samples in the middle do not recur.
-_FEW_CYCLES = 2.1
 # Shortest bout, gap, rest and part that is left out, in periods.
 _LEAST_BOUT, _LEAST_GAP, _LEAST_REST, _LEAST_PART = 0.6, 0.15, 0.12, 0.07
 # Squared distance of states from the cycle, relative to its variance, in another movement.
@@ -214,21 +207,19 @@ def runs(mask: Mask) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def recurrent_samples(
-    recordings: Sequence[Array], period: float, *, by_neighbours: bool = False
-) -> list[Mask]:
+def recurrent_samples(recordings: Sequence[Array], period: float) -> list[Mask]:
     """Return masks (n,) of the samples of recordings (n, D) that recur in another cycle.
 
     Positions and velocities are compared. The limit of their distance follows from the
-    samples in two similar neighbouring cycles; `by_neighbours` returns only these.
+    samples in two similar neighbouring cycles.
     """
     rests = [_rests(y, period) for y in recordings]
-    comparisons = [_similar_cycles(y, period) for y in recordings]
-    cores = [core & ~rest for (core, _), rest in zip(comparisons, rests, strict=True)]
+    cores = [
+        _similar_cycles(y, period) & ~rest
+        for y, rest in zip(recordings, rests, strict=True)
+    ]
     if not any(core.any() for core in cores):
         cores = [~rest for rest in rests]
-    if by_neighbours:
-        return [without_short(core, _LEAST_BOUT * period) for core in cores]
     core_values = np.concatenate([y[c] for y, c in zip(recordings, cores, strict=True)])
     size = float(np.sqrt(core_values.var(axis=0).sum()))
     states = [_states(y, 2 * np.pi / period) for y in recordings]
@@ -255,34 +246,14 @@ def recurrent_samples(
         )
     )
     out = []
-    for distance, rest, core, (_, part) in zip(
-        distances, rests, cores, comparisons, strict=True
-    ):
-        # Fewer than two cycles recur only in part.
-        mask = ((distance <= limit) | (core & part)) & ~rest
+    for distance, rest in zip(distances, rests, strict=True):
+        mask = (distance <= limit) & ~rest
         gap = max(3.0, _LEAST_GAP * period)
         for a, b in runs(~mask):
             if b - a <= gap and not rest[a:b].all():
                 mask[a:b] = True
         out.append(without_short(mask, _LEAST_BOUT * period))
-    _fill_middle(out, rests, period)
     return out
-
-
-def _fill_middle(masks: Sequence[Mask], rests: Sequence[Mask], period: float) -> None:
-    """Fill the gap in masks (n,) that together span fewer than about two cycles.
-
-    With 1.5 cycles, both ends recur but the middle does not.
-    """
-    (mask, rest), *others = [
-        pair for pair in zip(masks, rests, strict=True) if pair[0].any()
-    ] or [(np.zeros(0, dtype=bool),) * 2]
-    intervals = runs(mask)
-    if others or len(intervals) != 2:
-        return
-    (first, a), (b, after) = intervals
-    if after - first < _FEW_CYCLES * period and b - a < period and not rest[a:b].any():
-        mask[a:b] = True
 
 
 def cyclic_samples(
@@ -394,6 +365,22 @@ def without_short(mask: Mask, least: float) -> Mask:
     return out
 
 
+def without_ends(mask: Mask, aligned: Mask, least: float) -> Mask:
+    """Return a mask without short extensions of its runs beyond aligned samples.
+
+    An extension of fewer than `least` samples that does not reach the end of the recording
+    may be a part of an approach or retreat that is near the cycle.
+    """
+    out = mask.copy()
+    for a, b in runs(mask):
+        inside = a + np.flatnonzero(aligned[a:b])
+        if len(inside) and a > 0 and inside[0] - a < least:
+            out[a : inside[0]] = False
+        if len(inside) and b < len(mask) and b - 1 - inside[-1] < least:
+            out[inside[-1] + 1 : b] = False
+    return out
+
+
 def _extended(speed: Array, start: int, end: int, most: float) -> tuple[int, int]:
     """Extend a run to nearby minima of the phase velocity (n,) with small values."""
     before = max(0, start - round(most))
@@ -430,22 +417,14 @@ def _rests(values: Array, period: float) -> Mask:
     return out
 
 
-def _similar_cycles(values: Array, period: float) -> tuple[Mask, bool]:
-    """Return a mask (n,) of the samples in two similar neighbouring cycles.
-
-    Also return whether only parts of the cycles are similar.
-    """
+def _similar_cycles(values: Array, period: float) -> Mask:
+    """Return a mask (n,) of the samples in two similar neighbouring cycles."""
     out = np.zeros(len(values), dtype=bool)
-    fraction = 1.0
-    for fraction, least in ((1.0, SIMILAR), (PART, SIMILAR_PART)):
-        for ratio in _LAGS:
-            lag = round(ratio * period)
-            width = max(2, round(fraction * lag))
-            for start in np.flatnonzero(similarity(values, lag, width) > least):
-                out[start : start + lag + width] = True
-        if out.any():
-            break
-    return out, fraction < 1
+    for ratio in _LAGS:
+        lag = round(ratio * period)
+        for start in np.flatnonzero(similarity(values, lag, lag) > SIMILAR):
+            out[start : start + 2 * lag] = True
+    return out
 
 
 def _cycle_distance(states: Array, rests: Mask, period: float) -> Array:

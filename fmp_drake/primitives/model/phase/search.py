@@ -22,7 +22,6 @@ from fmp_drake.primitives.data.windows import (
 )
 from fmp_drake.primitives.model.phase.loops import join_loops
 from fmp_drake.primitives.model.phase.period import (
-    PART,
     local_periods,
     noise_fractions,
     possible_periods,
@@ -35,7 +34,12 @@ from fmp_drake.primitives.model.phase.rhythm import (
     recurrent_samples,
     runs,
     trend,
+    without_ends,
     without_short,
+)
+from fmp_drake.primitives.model.phase.self_alignment import (
+    aligned_period,
+    aligned_samples,
 )
 from fmp_drake.primitives.model.phase.tracking import (
     PhaseTrack,
@@ -47,14 +51,10 @@ Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):
-    """Limits of a track: least number of cycles and greatest unexplained variance.
-
-    A period that the user states needs no evidence.
-    """
+    """Limits of a track: least number of cycles and greatest unexplained variance."""
 
     cycles: float
     unexplained: float
-    needs_evidence: bool = True
 
 
 # Unexplained fraction of the variance below which no other period is tried. One cycle
@@ -63,11 +63,8 @@ class _Limits(NamedTuple):
 _CLEAR_MISFIT = 0.015
 # Misfit of a shorter period relative to the best, up to which it is preferred.
 _MISFIT_RATIO = 4.0
-_LIMITS = (_Limits(4.0, 0.05), _Limits(1.3, 0.15))
-_LIMITS_OF_STATED = (_LIMITS[0], _LIMITS[1]._replace(needs_evidence=False))
-# Numbers of cycles and their greatest misfit, interpolated; more cycles have no limit. With
-# the limits above alone, a quarter of smooth random paths of 8 to 50 s had a rhythm.
-_MOST_MISFIT = (1.0, 2.0, 4.0, 8.0), (0.0, 0.1, 0.1, 0.15)
+# Limits in the order of use. Few cycles are found by alignment, which is evidence.
+_LIMITS = (_Limits(4.0, 0.05), _Limits(1.25, 0.15), _Limits(3.0, 0.1))
 # Fraction of the variance that slow displacements of the centre may take.
 _MOST_SHIFTED = 0.5
 # Bounds of the mean phase velocity relative to its initial estimate.
@@ -76,6 +73,8 @@ _VELOCITIES = (0.6, 1.6)
 _SAME, _NEAR = 0.05, 0.25
 # Samples.
 _SHORTEST_BOUT = 12
+# Least extension of a bout beyond aligned samples, in periods.
+_LEAST_EXTENSION = 0.6
 # Least duration of another movement or of reversed motion, in periods.
 _LEAST_OTHER = 1.5
 # Speed at rest relative to that of the movement, and the least fraction of a pause at rest.
@@ -266,27 +265,30 @@ def _search(
 ) -> TrackedRhythm:
     """Find the rhythm of some columns of recordings; see `search_rhythm`."""
     recordings = [np.ascontiguousarray(y[:, columns]) for y in all_channels]
-    all_limits, refusal = _LIMITS if period is None else _LIMITS_OF_STATED, ""
-    # After an approach, few cycles are distinguished only by comparing neighbouring ones.
-    for by_neighbours in (False, True):
-        candidates = _candidates(recordings, rate, period)
-        attempts = _attempts(recordings, candidates, by_neighbours=by_neighbours)
-        for limits in all_limits:
-            acceptable = [a for a in attempts if not _objection(a, limits)]
-            if acceptable:
-                break
-        if acceptable:
-            break
-        if attempts:
-            refusal = refusal or _objection(attempts[0], limits)
-    else:
+    attempts = _attempts(recordings, _candidates(recordings, rate, period))
+    limits = _LIMITS[0]
+    acceptable = [a for a in attempts if not _objection(a, limits)]
+    if not acceptable:
+        limits = _LIMITS[1]
+        likely = aligned_period(recordings) if period is None else period * rate
+        attempt = likely and _attempt(recordings, likely, by_alignment=True)
+        if attempt and not _objection(attempt, limits):
+            acceptable = [attempt]
+    if not acceptable:
+        limits = _LIMITS[2] if period is None else _LIMITS[1]
+        acceptable = [a for a in attempts if not _objection(a, limits)]
+    if not acceptable:
+        refusals = [
+            _objection(a, limits) for a in attempts if a.track.cycles >= limits.cycles
+        ]
         raise DemonstrationError(
-            refusal
-            or "no part of it comes again in another cycle; record at least two "
+            refusals[0]
+            if refusals
+            else "no part of it comes again in another cycle; record at least two "
             "full cycles."
         )
     best = min(acceptable, key=lambda attempt: _misfit(attempt.track))
-    if limits is not _LIMITS[0]:
+    if limits is _LIMITS[2]:
         # With few cycles, choose the shortest period among those of similar misfit.
         most = max(_CLEAR_MISFIT, _MISFIT_RATIO * _misfit(best.track))
         comparable = [a for a in acceptable if _misfit(a.track) <= most]
@@ -309,12 +311,12 @@ def _search(
 
 
 def _attempts(
-    recordings: Sequence[Array], candidates: Iterable[float], *, by_neighbours: bool
+    recordings: Sequence[Array], candidates: Iterable[float]
 ) -> list[_Attempt]:
     """Attempt candidates of the period until one explains the recordings clearly."""
     attempts = []
     for candidate in candidates:
-        attempt = _attempt(recordings, candidate, by_neighbours=by_neighbours)
+        attempt = _attempt(recordings, candidate)
         if attempt is None:
             continue
         attempts.append(attempt)
@@ -329,7 +331,7 @@ def _misfit(track: PhaseTrack) -> float:
 
     The mean of n cycles explains 1 / n of any variance, which is corrected for.
     """
-    explainable = 1 - 1 / max(track.cycles, _LIMITS[-1].cycles)
+    explainable = 1 - 1 / max(track.cycles, _LIMITS[1].cycles)
     return (track.unexplained + track.shifted**2 / 4) / explainable
 
 
@@ -353,15 +355,11 @@ def _candidates(
     samples = sum(map(len, recordings))
     previous: list[float] = []
     for candidate in (*confirmed, *local, *estimates):
-        if samples < _LIMITS[-1].cycles * candidate:
+        if samples < _LIMITS[1].cycles * candidate:
             continue
         if all(abs(candidate / other - 1) > _SAME for other in previous) and not (
             confirmed and candidate in local[:1]
         ):
-            previous.append(candidate)
-            yield candidate
-    for candidate in local_periods(recordings, fraction=PART):
-        if all(abs(candidate / other - 1) > _SAME for other in previous):
             previous.append(candidate)
             yield candidate
 
@@ -379,10 +377,14 @@ def _cut(
 
 
 def _attempt(
-    recordings: Sequence[Array], period: float, *, by_neighbours: bool = False
+    recordings: Sequence[Array], period: float, *, by_alignment: bool = False
 ) -> _Attempt | None:
-    """Track the phase of the bouts for a period; None where there are no bouts."""
-    masks = recurrent_samples(recordings, period, by_neighbours=by_neighbours)
+    """Track the phase of the bouts for a period; None where there are no bouts.
+
+    The cycle is that of recurrent samples, or by alignment, which few cycles need.
+    """
+    aligned = aligned_samples(recordings, period)
+    masks = aligned if by_alignment else recurrent_samples(recordings, period)
     bouts = _cut(recordings, masks)
     if max(map(len, bouts), default=0) < period + 1:
         return None
@@ -404,7 +406,12 @@ def _attempt(
         return None
     track = track_phase(bouts, period=period, cycle=cycle)
     refined_masks = cyclic_samples(recordings, masks, track.cycle, track.velocity)
-    refined_masks = [m & ~x for m, x in zip(refined_masks, excluded_masks, strict=True)]
+    refined_masks = [
+        without_ends(mask & ~excluded_mask, samples, _LEAST_EXTENSION * period)
+        for mask, excluded_mask, samples in zip(
+            refined_masks, excluded_masks, aligned, strict=True
+        )
+    ]
     refined_bouts = _cut(recordings, refined_masks)
     if not refined_bouts:
         return None
@@ -438,13 +445,6 @@ def _objection(attempt: _Attempt, limits: _Limits) -> str:
         return (
             f"one cycle leaves {100 * track.unexplained:.0f} % of its variance "
             f"unexplained; the phase model needs at most {100 * limits.unexplained:.0f} %."
-        )
-    most = float(np.interp(track.cycles, *_MOST_MISFIT, right=np.inf))
-    if limits.needs_evidence and _misfit(track) > most:
-        return (
-            f"its {track.cycles:.1f} cycles differ too much to be those of one movement "
-            f"({100 * _misfit(track):.0f} % of the variance; of so few cycles at most "
-            f"{100 * most:.0f} %)."
         )
     if track.shifted > _MOST_SHIFTED:
         return (
