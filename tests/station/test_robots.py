@@ -107,6 +107,18 @@ def test_the_flange_is_where_the_makers_table_puts_it(name):
         assert_allclose(X_WF.GetAsMatrix4(), expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("name", ARMS)
+def test_the_lightest_joint_turns_slowly_in_the_springs_of_a_tool(name):
+    # Where it turned by 0.2 rad of its oscillation a period, it became unstable.
+    robot = LoadRobot(name)
+    plant = MakeRobotModel(robot).plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, robot.posture)
+    lightest = np.diag(plant.CalcMassMatrix(context)).min()
+    stiffness, period = 60.0, 1e-3
+    assert np.sqrt(stiffness / lightest) * period < 0.05
+
+
 @pytest.mark.parametrize("name", FACTS)
 def test_limits_and_masses_are_the_published_ones(name):
     robot = model_of(name)

@@ -32,6 +32,15 @@ def test_no_limit_is_broken_in_one_of_the_worst_worlds(spec, number):
     assert [fault.text for fault in faults(trial) if fault.kind in NEVER] == []
 
 
+def test_the_last_joint_of_an_iiwa_stays_below_its_speed_limit_at_its_range():
+    # 69 times the limit where the model had no motors' inertia.
+    drawn = TrialSpec.load("surfaces").draw(seed=4040, number=54)
+    assert drawn.fields["robot"] == "iiwa14"
+    run = make_run(drawn.scenario)
+    run.advance_to(5.0)
+    assert 0.5 < run.metrics()["joint_speed_ratio_max"] < 1.0
+
+
 def make(spec, number):
     return make_run(spec.draw(seed=WORST["seed"], number=number).scenario)
 
