@@ -28,7 +28,7 @@ from fmp_drake.systems.panda.gate import (
     initial_gate,
     limited_change,
 )
-from fmp_drake.systems.panda.torque_gate import TorqueGate
+from fmp_drake.systems.torque_gate import TorqueGate
 
 NOW = 1.7e9
 LIMITS = joint_limits(MakeRobotModel(LoadRobot("panda")).plant)

@@ -28,7 +28,7 @@ from fmp_drake.systems import GateConfig
 from fmp_drake.systems.command_listener import CommandListener
 from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.panda.arm_status import JOINTS
-from fmp_drake.systems.panda.torque_gate import TorqueGate
+from fmp_drake.systems.torque_gate import TorqueGate
 
 
 @dataclass(kw_only=True)

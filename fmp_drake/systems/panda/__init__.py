@@ -1,1 +1,1 @@
-"""Messages of a real Panda, checked in both directions, and the gate for its torque."""
+"""Messages of a real Panda, checked in both directions: pure functions."""
