@@ -84,7 +84,10 @@ def test_errors_of_replay_are_as_large_as_they_are_said_to_be(coefficient, count
             truth = held[first + SEEN : first + SEEN + HORIZON]
             replayed = replay.predict(past)
             mean, covariances = calibration.combined(
-                replayed.values, calibration.errors, replayed, replay.variance
+                replayed.values,
+                calibration.error_covariances,
+                replayed,
+                replay.variance,
             )
             error = truth - mean
             solved = np.linalg.solve(covariances, error[..., None])[..., 0]
@@ -100,9 +103,9 @@ def test_what_repeats_exactly_has_small_errors_and_smaller_ones_the_longer_it_la
         calibration = calibrate_replay([path], SEEN, HORIZON)
         changes = [
             np.sum(np.mean((path[h:] - path[:-h]) ** 2, axis=0))
-            for h in calibration.ahead.astype(int)
+            for h in calibration.horizons.astype(int)
         ]
-        relative.append(sizes(calibration.errors) / changes)
+        relative.append(sizes(calibration.error_covariances) / changes)
     relative = np.mean(relative, axis=1)
     assert np.all(np.diff(relative) < 0)
     assert 0.1 < relative[0] < 0.5
@@ -112,15 +115,15 @@ def test_what_repeats_exactly_has_small_errors_and_smaller_ones_the_longer_it_la
 def test_replay_alone_has_no_model_and_reports_how_long_it_looked():
     found = [calibrate_replay([autoregressive(n, 0, 0.9)], SEEN, 30) for n in (60, 600)]
     for each in found:
-        assert each.weight == 0.0
+        assert each.model_weight == 0.0
         assert_allclose(each.factors, 1.0)
-        assert each.ahead[0] == 1.0
-        assert np.all(np.diff(each.ahead) > 0)
-        assert 20 <= each.ahead[-1] <= 30
-        assert 0 < each.local < 1
+        assert each.horizons[0] == 1.0
+        assert np.all(np.diff(each.horizons) > 0)
+        assert 20 <= each.horizons[-1] <= 30
+        assert 0 < each.local_factor < 1
     short, long = found
-    assert 4 < short.degrees < long.degrees
-    assert 0.2 > short.background > long.background > 0
+    assert 4 < short.degrees_of_freedom < long.degrees_of_freedom
+    assert 0.2 > short.background_weight > long.background_weight > 0
 
 
 def test_too_short_recordings_have_no_calibration():
@@ -129,14 +132,16 @@ def test_too_short_recordings_have_no_calibration():
     assert calibrate_replay([path, path], SEEN, HORIZON) is None
     # Too short to leave a part out, but not to replay.
     found = calibrate_replay([autoregressive(SEEN + 4, 0, 0.9)], SEEN, HORIZON)
-    assert np.all(np.isfinite(found.errors))
-    assert np.all(np.linalg.eigvalsh(found.errors) > 0)
+    assert np.all(np.isfinite(found.error_covariances))
+    assert np.all(np.linalg.eigvalsh(found.error_covariances) > 0)
 
 
 def test_changes_have_the_shape_of_what_recordings_move_in_a_time():
     recordings = [autoregressive(60, 1, 0.9) * [1, 3], autoregressive(15, 2, 0.9)]
     calibration = calibrate_replay(recordings, SEEN, HORIZON)
-    for ahead, change in zip(calibration.ahead, calibration.changes, strict=True):
+    for ahead, change in zip(
+        calibration.horizons, calibration.change_covariances, strict=True
+    ):
         h = int(ahead)
         steps = np.concatenate([y[h:] - y[:-h] for y in recordings if len(y) > h])
         expected = np.mean([np.outer(x, x) for x in steps], axis=0)
@@ -149,15 +154,23 @@ def test_a_calibration_scales_and_permutes_with_the_channels(size):
     path = autoregressive(150, 3, 0.9) * [1.0, 2.0]
     before = calibrate_replay([path], SEEN, HORIZON)
     after = calibrate_replay([path @ A.T], SEEN, HORIZON)
-    assert_allclose(after.errors, A @ before.errors @ A.T, rtol=1e-5)
-    assert_allclose(after.changes, A @ before.changes @ A.T / size**2, atol=1e-5)
+    assert_allclose(
+        after.error_covariances, A @ before.error_covariances @ A.T, rtol=1e-5
+    )
+    assert_allclose(
+        after.change_covariances,
+        A @ before.change_covariances @ A.T / size**2,
+        atol=1e-5,
+    )
     track = moving(4)
     turned = track_of(track.recordings[0] @ A.T, track.phases[0])
     before, after = calibrated(track), calibrated(turned)
-    largest = np.max(after.errors)
-    assert_allclose(after.errors, A @ before.errors @ A.T, atol=0.01 * largest)
+    largest = np.max(after.error_covariances)
+    assert_allclose(
+        after.error_covariances, A @ before.error_covariances @ A.T, atol=0.01 * largest
+    )
     assert_allclose(after.factors, before.factors, rtol=0.01)
-    assert after.weight == pytest.approx(before.weight, rel=0.01)
+    assert after.model_weight == pytest.approx(before.model_weight, rel=0.01)
 
 
 def test_channels_are_independent_until_parts_show_otherwise():
@@ -165,7 +178,7 @@ def test_channels_are_independent_until_parts_show_otherwise():
     correlations = []
     for count in (SEEN + 5, 100, 1000):
         path = np.repeat(one[:count], 2, axis=1) + 1e-3 * autoregressive(count, 1, 0.5)
-        error = calibrate_replay([path], SEEN, HORIZON).errors[3]
+        error = calibrate_replay([path], SEEN, HORIZON).error_covariances[3]
         correlations.append(error[0, 1] / np.sqrt(error[0, 0] * error[1, 1]))
     assert np.all(np.diff(correlations) > 0)
     assert 0.2 < correlations[0] < 0.4
@@ -177,16 +190,16 @@ def test_channels_are_independent_until_parts_show_otherwise():
 
 def test_the_more_cycles_the_less_is_added_to_the_model():
     found = [calibrated(moving(cycles)) for cycles in (2, 4, 8, 14, 20, 40)]
-    assert all(each.ahead[-1] <= 50 for each in found)
-    added = [np.mean(sizes(each.errors)[:6]) for each in found]
+    assert all(each.horizons[-1] <= 50 for each in found)
+    added = [np.mean(sizes(each.error_covariances)[:6]) for each in found]
     assert np.all(np.diff(added) < 0)
     assert added[-1] < 0.003 * added[0]
-    for name, sign in (("degrees", 1), ("background", -1)):
+    for name, sign in (("degrees_of_freedom", 1), ("background_weight", -1)):
         assert np.all(sign * np.diff([getattr(each, name) for each in found]) > 0)
     few, many = found[:4], found[4:]
-    assert np.all(np.diff([each.local for each in few]) < 0)
-    assert all(0.05 < each.weight < 0.95 for each in few)
-    assert all(each.weight == 1.0 and each.local == 0.0 for each in many)
+    assert np.all(np.diff([each.local_factor for each in few]) < 0)
+    assert all(0.05 < each.model_weight < 0.95 for each in few)
+    assert all(each.model_weight == 1.0 and each.local_factor == 0.0 for each in many)
     assert all(np.all(each.factors > 0) for each in found)
 
 
@@ -250,8 +263,8 @@ def test_weight_of_the_model_is_larger_where_replay_is_worse(monkeypatch, cycles
         replay = FakeReplay(track, lambda y, s=size: s * rng.standard_normal(y.shape))
         monkeypatch.setattr(module, "Replay", replay)
         found = calibrated(track)
-        weights.append(found.weight)
-        added.append(np.mean(sizes(found.errors)[:4]))
+        weights.append(found.model_weight)
+        added.append(np.mean(sizes(found.error_covariances)[:4]))
     assert np.all(np.diff(weights) > 0.02)
     assert np.all(np.diff(added) > 0)
     # Without errors of replay the prior alone is left; with large ones the model.
@@ -310,14 +323,14 @@ def test_replay_predicts_several_parts_of_each_recording_without_them(monkeypatc
 
 def test_phases_that_are_shown_once_cannot_be_validated():
     """The prior is left, as of a recording that is too short; of several passes it is not."""
-    prior = calibrated(moving(1.2)).weight
+    prior = calibrated(moving(1.2)).model_weight
     slow = 2 * np.pi * np.arange(200) / 200
     values = curve(slow) + 0.03 * smooth(200, np.random.default_rng(0))
-    assert calibrated(track_of(values, slow)).weight == prior
+    assert calibrated(track_of(values, slow)).model_weight == prior
     # Twenty samples of a cycle have gaps between them, which do not matter.
     quick = 2 * np.pi * np.arange(200) / 20
     values = curve(quick) + 0.03 * smooth(200, np.random.default_rng(0))
-    assert calibrated(track_of(values, quick)).weight != prior
+    assert calibrated(track_of(values, quick)).model_weight != prior
 
 
 def test_errors_that_no_part_reaches_grow_as_the_movement_changes():
@@ -325,14 +338,14 @@ def test_errors_that_no_part_reaches_grow_as_the_movement_changes():
     path = autoregressive(50, 5, 0.95)
     found = calibrate_replay([path], SEEN, HORIZON).at(HORIZON)
     changes = [np.sum(np.mean((path[h:] - path[:-h]) ** 2, axis=0)) for h in (14, 20)]
-    growth = sizes(found.errors)[19] / sizes(found.errors)[13]
+    growth = sizes(found.error_covariances)[19] / sizes(found.error_covariances)[13]
     assert 1 < growth / (changes[1] / changes[0]) < 1.3
 
 
 def test_an_exact_movement_has_a_calibration():
     phase = 2 * np.pi * np.arange(241) / PERIOD
     found = calibrated(track_of(curve(phase), phase))
-    for values in (found.factors, found.errors, found.changes):
+    for values in (found.factors, found.error_covariances, found.change_covariances):
         assert np.all(np.isfinite(values))
     assert np.all(found.factors > 0)
 
@@ -343,11 +356,15 @@ def test_whole_turns_and_cuts_of_the_recordings_do_not_matter():
     phase = track.phases[0] - 20 * np.pi
     turned = calibrated(track_of(track.recordings[0], phase))
     assert_allclose(turned.factors, before.factors, rtol=1e-6)
-    assert_allclose(turned.errors, before.errors, rtol=1e-6, atol=1e-12)
+    assert_allclose(
+        turned.error_covariances, before.error_covariances, rtol=1e-6, atol=1e-12
+    )
     cut = calibrated(moving(6, cuts=[120]))
-    assert cut.weight == pytest.approx(before.weight, abs=0.1)
+    assert cut.model_weight == pytest.approx(before.model_weight, abs=0.1)
     assert_allclose(cut.factors, before.factors, rtol=0.3)
-    assert_allclose(sizes(cut.errors), sizes(before.errors), rtol=0.4)
+    assert_allclose(
+        sizes(cut.error_covariances), sizes(before.error_covariances), rtol=0.4
+    )
 
 
 # Mixture -----------------------------------------------------------------
@@ -386,9 +403,12 @@ class Player:
 def flat(recordings):
     """Return a calibration with errors that grow as the time ahead."""
     made = calibrate_replay(recordings, SEEN, HORIZON)
-    errors = made.ahead[:, None, None] * np.eye(2)
+    errors = made.horizons[:, None, None] * np.eye(2)
     return Calibration(
-        ahead=made.ahead, factors=made.factors, errors=errors, changes=made.changes
+        horizons=made.horizons,
+        factors=made.factors,
+        error_covariances=errors,
+        change_covariances=made.change_covariances,
     )
 
 
@@ -402,17 +422,17 @@ def test_played_errors_are_those_of_windows_that_were_left_out(length):
     parts = len(player.rests)
     assert 3 <= parts <= 6
     # A few parts show too small errors: what is known of n parts is enlarged by 2 / n.
-    known = before.ahead[before.ahead <= length]
+    known = before.horizons[before.horizons <= length]
     variances = (1 + 2 / parts) * known[:, None] ** 2 * error**2
-    at = found.played[: len(known)]
+    at = found.playback_covariances[: len(known)]
     assert_allclose(np.diagonal(at, axis1=1, axis2=2), variances, rtol=0.02)
     correlation = at[:, 0, 1] / np.sqrt(at[:, 0, 0] * at[:, 1, 1])
     assert np.all((correlation < -0.5) & (correlation > -0.9))
     # Farther than it is played, it grows as the errors did before.
-    later = sizes(found.played)[len(known) - 1 :]
-    expected = before.ahead[len(known) - 1 :] / known[-1]
+    later = sizes(found.playback_covariances)[len(known) - 1 :]
+    expected = before.horizons[len(known) - 1 :] / known[-1]
     assert_allclose(later / later[0], expected, rtol=1e-6)
-    assert_allclose(found.errors, before.errors)
+    assert_allclose(found.error_covariances, before.error_covariances)
 
 
 def test_every_part_is_left_out_once_and_played_all_along():
@@ -454,12 +474,12 @@ def test_without_windows_to_play_a_calibration_is_unchanged():
 def test_a_calibration_is_linear_between_its_horizons_and_constant_beyond():
     made = flat([autoregressive(100, 0, 0.9)])
     found = made.at(30)
-    assert_allclose(found.ahead, np.arange(1, 31))
-    assert found.played is None
-    expected = np.minimum(np.arange(1, 31), made.ahead[-1])
-    assert_allclose(found.errors, expected[:, None, None] * np.eye(2))
+    assert_allclose(found.horizons, np.arange(1, 31))
+    assert found.playback_covariances is None
+    expected = np.minimum(np.arange(1, 31), made.horizons[-1])
+    assert_allclose(found.error_covariances, expected[:, None, None] * np.eye(2))
     assert found.factors.shape == (30,)
-    assert found.changes.shape == (30, 2, 2)
+    assert found.change_covariances.shape == (30, 2, 2)
 
 
 @pytest.mark.parametrize("played", [True, False])
@@ -468,20 +488,22 @@ def test_a_transformed_calibration_is_of_the_transformed_channels(played):
     A, e = rng.standard_normal((2, 2)), rng.standard_normal((3, 1, 2, 2))
     errors, changes, windows = e[:, 0] @ e[:, 0].mT + np.eye(2)
     before = Calibration(
-        ahead=np.array([2.0]),
+        horizons=np.array([2.0]),
         factors=np.ones(1),
-        errors=errors[None],
-        changes=changes[None],
-        played=windows[None] if played else None,
+        error_covariances=errors[None],
+        change_covariances=changes[None],
+        playback_covariances=windows[None] if played else None,
     )
     after = before.transformed(A)
-    assert_allclose(after.errors[0], A @ errors @ A.T)
-    assert_allclose(after.changes[0], A @ changes @ A.T)
+    assert_allclose(after.error_covariances[0], A @ errors @ A.T)
+    assert_allclose(after.change_covariances[0], A @ changes @ A.T)
     own = windows if played else errors
-    assert_allclose(after.played_at(1.0), A @ own @ A.T / 2)
-    assert (after.played is None) != played
+    assert_allclose(after.playback_covariance(1.0), A @ own @ A.T / 2)
+    assert (after.playback_covariances is None) != played
 
 
 def test_many_cycles_are_a_bound_between_two_ways_of_prediction():
     for cycles in (MANY_CYCLES - 1.5, MANY_CYCLES + 1.5):
-        assert (calibrated(moving(cycles)).weight == 1.0) == (cycles > MANY_CYCLES)
+        assert (calibrated(moving(cycles)).model_weight == 1.0) == (
+            cycles > MANY_CYCLES
+        )

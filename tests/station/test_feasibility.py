@@ -212,7 +212,7 @@ def test_orientation_channels_have_a_bound_of_their_own():
     bounds = FollowingBounds(orientation_error=1e-7)
     found = CheckFeasibility(scenario, skill, bounds=bounds)
     assert not found.is_feasible
-    assert "lags behind its path by 0 mm and 0.0 degrees rms" in found.verdict
+    assert "the tool is off its orientation by 0.0 degrees rms" in found.verdict
 
 
 def test_tracking_error_is_the_root_sum_of_squares(bundled_skill):

@@ -479,8 +479,9 @@ def test_friction_limits_the_press_as_well(predicted, restless_skill):
     assert found.values["largest_press"] == pytest.approx(0.010 / per_newton)
     lag = round(40e3 * per_newton)
     assert (
-        f"at a press of 40 N friction holds the eraser {lag} mm behind its path. What "
-        f"would help: press with at most {int(0.010 / per_newton)} N." in found.verdict
+        f"at a normal force of 40 N friction holds the eraser {lag} mm behind its path. "
+        f"What would help: press with at most {int(0.010 / per_newton)} N."
+        in found.verdict
     )
 
 

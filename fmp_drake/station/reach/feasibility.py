@@ -420,7 +420,11 @@ class _Check:
         most = bounds.tilt if self._R_TE is None else bounds.orientation_error
         is_late = lag > bounds.tracking_error or angle > most
         # Out of reach, or at a joint-limit spring, the joints' speed is meaningless.
-        if (is_late or above > bounds.brief) and not self._faults:
+        if angle > most and ratio < allowed and not self._faults:
+            self._faults.append(
+                f"the tool is off its orientation by {np.rad2deg(angle):.1f} degrees rms"
+            )
+        elif (is_late or above > bounds.brief) and not self._faults:
             text = (
                 f"joint {_joint(speed)} needs {100 * ratio:.0f} % of its greatest speed"
             )
