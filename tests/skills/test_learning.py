@@ -103,7 +103,7 @@ def test_a_bout_shorter_than_a_window_is_reported_by_its_cycles():
     short = circles(2 * np.pi * np.arange(38) / 24)
     skill = FourierMovementPrimitive(model="phase", rate=20.0).fit(short)
     assert skill.n_windows_ == 0
-    assert source_in_words(skill) == "1.6 cycles of 1.19 s"
+    assert source_in_words(skill) == "1.5 cycles of 1.20 s"
     assert "; windows of 2 s at 20 Hz" in repr(skill)
     mixture = FourierMovementPrimitive(model="mixture", window=1.0, rate=20.0)
     assert source_in_words(mixture.fit(short)) == "19 windows of 1 s"
