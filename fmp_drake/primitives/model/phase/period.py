@@ -166,6 +166,13 @@ def parabola_top(values: NDArray[np.float64], top: int) -> float:
     return top if curvature >= 0 else top + 0.5 * float((before - after) / curvature)
 
 
+def window_sums(values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """Return the sums of values (n, ...) in windows, shape (n - size + 1, ...)."""
+    sums = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
+    out: NDArray[np.float64] = sums[size:] - sums[:-size]
+    return out
+
+
 def similarity(
     values: NDArray[np.float64], lag: int, width: int
 ) -> NDArray[np.float64]:
@@ -189,15 +196,14 @@ def similarity(
     if count < 1:
         return np.empty(0)
     change = values[lag:] - values[:-lag]
-    change = np.concatenate([[0.0], np.cumsum(np.vecdot(change, change))])
-    distance = change[width:] - change[:-width]
-    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    squares = np.concatenate([[0.0], np.cumsum(np.vecdot(values, values))])
-    mean = (sums[span:] - sums[:-span]) / span
+    distance = window_sums(np.vecdot(change, change), width)
+    mean = window_sums(values, span) / span
+    totals = window_sums(values, width)
+    squares = window_sums(np.vecdot(values, values), width)
     energy = np.zeros(count)
     for start in (0, lag):
-        total = sums[start + width :][:count] - sums[start:][:count]
-        energy += squares[start + width :][:count] - squares[start:][:count]
+        total = totals[start:][:count]
+        energy += squares[start:][:count]
         energy += np.vecdot(mean, width * mean - 2 * total)
     least = _LEAST_ENERGY * width * float(values.var(axis=0).sum())
     return np.where(energy > least, 1 - distance / np.maximum(energy, 1e-300), 0.0)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.primitives.model.phase.period import window_sums
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -138,23 +139,17 @@ def _gains(values: Array, lags: Indices) -> Array:
         after = np.minimum(np.arange(n) + step, n - 1)
         velocities = (values[after] - values[before]) / (after - before)[:, None]
         states = np.hstack([values, lag / (2 * np.pi) * velocities])
-        variance = _window_means(np.vecdot(states, states), lag + 1)
-        variance -= np.sum(_window_means(states, lag + 1) ** 2, axis=1)
+        size = lag + 1
+        variance = window_sums(np.vecdot(states, states), size) / size
+        variance -= np.sum((window_sums(states, size) / size) ** 2, axis=1)
         distance = np.sum((states[lag:] - states[:-lag]) ** 2, axis=1)
         square = np.vecdot(velocities, velocities)
-        mean_square = np.maximum(_window_means(square, lag + 1), 1e-300)
+        mean_square = np.maximum(window_sums(square, size) / size, 1e-300)
         speed = np.sqrt(np.maximum(square[lag:], square[:-lag]) / mean_square)
         gain = 1 - distance / (_SIMILAR * np.maximum(variance, 1e-300))
         gain *= np.minimum(speed, _MOST_SPEED)
         gains[: n - lag, column] = np.maximum(gain, _LEAST_GAIN)
     return gains
-
-
-def _window_means(values: Array, size: int) -> Array:
-    """Return the means of values (n, ...) in windows, shape (n - size + 1, ...)."""
-    sums = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
-    out: Array = (sums[size:] - sums[:-size]) / size
-    return out
 
 
 @compiled
