@@ -1,12 +1,20 @@
-"""Checks of numbers and arrays of the user, with errors that name them."""
+"""Types of arrays, checks of the user's numbers and arrays, and the limit of BLAS threads."""
 
 import operator
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
 
 from fmp_drake.errors import FmpError, SkillError
+
+type Array = NDArray[np.float64]
+type Mask = NDArray[np.bool_]
+type Indices = NDArray[np.int64]
 
 # Products of several greater numbers overflow.
 GREATEST = 1e100
@@ -18,7 +26,7 @@ def as_floats(
     shape: tuple[int | str, ...] | None = None,
     *,
     error: type[FmpError] = SkillError,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return an array of real numbers, which may be NaN or infinite.
 
     Parameters
@@ -62,7 +70,7 @@ def finite_array(
     shape: tuple[int | str, ...] | None = None,
     *,
     error: type[FmpError] = SkillError,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return an array of finite real numbers of an expected shape.
 
     Parameters
@@ -141,7 +149,7 @@ def shown(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def all_finite(array: NDArray[np.float64]) -> bool:
+def all_finite(array: Array) -> bool:
     """Return whether no number is NaN, infinite or above `GREATEST`."""
     # Comparisons with NaN are false. No copies: windows may fill a gigabyte.
     return array.size == 0 or bool(array.max() < GREATEST and array.min() > -GREATEST)
@@ -163,3 +171,19 @@ def is_number(value: Any) -> bool:
 def is_whole(value: Any) -> bool:
     """Return whether a value is an integer."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Limit BLAS to one thread in a block or, as a decorator, in a function.
+
+    Products of some hundred numbers take ten times as long with two threads as with one,
+    and a hundred times on a busy machine.
+    """
+    with _libraries().limit(limits=1, user_api="blas"):
+        yield

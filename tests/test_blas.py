@@ -3,7 +3,7 @@
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from fmp_drake.blas import one_blas_thread
+from fmp_drake.numeric import one_blas_thread
 from fmp_drake.primitives import FourierMovementPrimitive, Player
 from fmp_drake.primitives.model import mapping
 

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -13,7 +13,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import as_floats, check_number
+from fmp_drake.numeric import Array, as_floats, check_number
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
 
 NEVER = math.inf
@@ -71,10 +71,10 @@ class EraseTimes(LeafSystem):
         self.DeclareVectorOutputPort("erase_time", ink.size, self._calc_erase_time)
         self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._update)
 
-    def _erase_times(self, context: Context) -> NDArray[np.float64]:
+    def _erase_times(self, context: Context) -> Array:
         ink: Any = self._ink.Eval(context)
         state = context.get_discrete_state()
-        times: NDArray[np.float64] = state.value(self._times)
+        times: Array = state.value(self._times)
         is_new = self._inked & (ink < CLEAN_BELOW) & (times == NEVER)
         return np.where(is_new, state.value(self._since), times)
 

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import (
     BasicVector,
     Context,
@@ -17,7 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import Array, check_number
 from fmp_drake.primitives import (
     FourierMovementPrimitive,
     PlaybackState,
@@ -248,7 +247,7 @@ class FourierPrimitiveSystem(LeafSystem):
         declare("measurement_age", 1, self._calc_measurement_age, now)
 
     @staticmethod
-    def resting_value(skill: FourierMovementPrimitive) -> NDArray[np.float64]:
+    def resting_value(skill: FourierMovementPrimitive) -> Array:
         """Return the mean value of the likeliest component, shape (D,)."""
         first = skill.components_[0].mean
         return skill.synthesize(first).mean(axis=0)
@@ -284,7 +283,7 @@ class FourierPrimitiveSystem(LeafSystem):
         state: PlaybackState,
         *,
         events: tuple[float, float, float, float, float],
-        measurements: NDArray[np.float64],
+        measurements: Array,
     ) -> None:
         for index, array in zip(self._playback, state.to_arrays(), strict=True):
             values.set_value(index, array)
@@ -356,11 +355,11 @@ class FourierPrimitiveSystem(LeafSystem):
         )
         return EventStatus.Succeeded()
 
-    def _is_plausible(self, measured: NDArray[np.float64]) -> bool:
+    def _is_plausible(self, measured: Array) -> bool:
         # NaN compares as false.
         return bool(np.all(np.abs(measured - self._centre) <= self._max_deviation))
 
-    def _check_start(self, measured: NDArray[np.float64]) -> None:
+    def _check_start(self, measured: Array) -> None:
         if np.all(np.isfinite(measured)) and not self._is_plausible(measured):
             lowest, highest = (
                 self._centre - self._max_deviation,

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialForce
@@ -13,6 +12,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import Array
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
     POSITION_CHANNELS,
@@ -146,22 +146,18 @@ class HumanHand(LeafSystem):
         p_WE: Any = self._grip_pose(context).translation()
         output.SetFromVector(self._X_BW.multiply(p_WE))
 
-    def _to_tangent(
-        self, p_BE: NDArray[np.float64], target: NDArray[np.float64]
-    ) -> tuple[RotationMatrix, NDArray[np.float64]]:
+    def _to_tangent(self, p_BE: Array, target: Array) -> tuple[RotationMatrix, Array]:
         """Return R_BT at the grip, and the offset to the target (u, v) in its plane, m."""
         u, v, h = surfaces.project(self._surface, p_BE, target)
         R_BT = RotationMatrix(surfaces.rotation(self._surface, u, v))
         goal = surfaces.place(self._surface, np.array([[*target, h]]))[0]
-        offset: NDArray[np.float64] = R_BT.matrix().T @ (goal - p_BE)
+        offset: Array = R_BT.matrix().T @ (goal - p_BE)
         return R_BT, offset[:2]
 
-    def _normal_rotation(
-        self, target: NDArray[np.float64], rate: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _normal_rotation(self, target: Array, rate: Array) -> Array:
         """Return the angular velocity in W of the local normal at the target, rad/s."""
         _, _, V_BT, _ = surfaces.moving_frame(self._surface, target, rate, np.zeros(2))
-        omega: NDArray[np.float64] = self._X_WB.rotation().matrix() @ V_BT[:3]
+        omega: Array = self._X_WB.rotation().matrix() @ V_BT[:3]
         return omega
 
     def _calc_forces(self, context: Any, output: Any) -> None:
@@ -202,8 +198,8 @@ class HumanHand(LeafSystem):
 
 
 def hand_torque(
-    R: RotationMatrix, angular_velocity: NDArray[np.float64], most: float = np.inf
-) -> NDArray[np.float64]:
+    R: RotationMatrix, angular_velocity: Array, most: float = np.inf
+) -> Array:
     """Return the torque (3,) of a hand that turns a tool, in W, Nm.
 
     Parameters
@@ -218,7 +214,5 @@ def hand_torque(
     rotation = R.ToAngleAxis()
     torque = ROTATIONAL_STIFFNESS * rotation.angle() * rotation.axis()
     torque -= ROTATIONAL_DAMPING * angular_velocity
-    limited: NDArray[np.float64] = torque * min(
-        1.0, most / max(float(np.linalg.norm(torque)), 1e-12)
-    )
+    limited: Array = torque * min(1.0, most / max(float(np.linalg.norm(torque)), 1e-12))
     return limited

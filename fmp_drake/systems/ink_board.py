@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import ContactSurface
 from pydrake.math import RigidTransform
@@ -18,7 +18,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import as_floats, check_number, read_only
+from fmp_drake.numeric import Array, as_floats, check_number, read_only
 from fmp_drake.systems.ink.grid import (
     CLEAN_BELOW,
     WEAR_CONSTANT,
@@ -42,8 +42,6 @@ from fmp_drake.systems.interface.callbacks import (
     declare_bodies,
 )
 from fmp_drake.systems.surface.surface import project, rotation
-
-type FloatArray = NDArray[np.float64]
 
 
 class InkBoard(LeafSystem):
@@ -200,11 +198,11 @@ class InkBoard(LeafSystem):
         return self._grid
 
     @property
-    def initial_ink(self) -> FloatArray:
+    def initial_ink(self) -> Array:
         """Ink at the start, shape (ny, nx); read-only."""
         return self._initial_ink
 
-    def _contacts(self, context: Context) -> list[tuple[ContactSurface, FloatArray]]:
+    def _contacts(self, context: Context) -> list[tuple[ContactSurface, Array]]:
         """List the surfaces between eraser and board, with the force on the eraser."""
         results: Any = self._contact_results.Eval(context)
         contacts = contact_surfaces(results, self._eraser_ids)
@@ -242,7 +240,7 @@ class InkBoard(LeafSystem):
         contacts = self._contacts(context)
         output.SetAtIndex(0, sum(surface.total_area() for surface, _ in contacts))
 
-    def _planar_motion(self, context: Context, near: FloatArray) -> PlanarMotion:
+    def _planar_motion(self, context: Context, near: Array) -> PlanarMotion:
         poses: Any = self._poses.Eval(context)
         velocities: Any = self._velocities.Eval(context)
         (X_WE, V_WE), (X_WB, V_WB) = (
@@ -330,7 +328,7 @@ def _collision_ids(plant: MultibodyPlant, frame: Frame) -> frozenset[int]:
     return ids
 
 
-def _checked_ink(initial_ink: ArrayLike | None, grid: InkGrid) -> FloatArray:
+def _checked_ink(initial_ink: ArrayLike | None, grid: InkGrid) -> Array:
     """Return a read-only copy of the ink at the start, shape (ny, nx)."""
     given = grid.full() if initial_ink is None else initial_ink
     ink = as_floats(given, "initial_ink", grid.shape, error=SystemsError).copy()

@@ -102,7 +102,6 @@ from functools import partial
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
@@ -116,7 +115,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import Array, check_number
 from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.controller_status import STATUS_SIZE
@@ -141,7 +140,6 @@ from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
 ENGAGE_HEIGHT = 0.01
 """Default height over the surface below which the normal force acts, m."""
 
-Array = NDArray[np.float64]
 
 # Groups of the discrete state.
 _TORQUE, _STATUS, _MEMORY = range(3)
@@ -249,7 +247,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
         end_effector: Frame,
         X_WT: RigidTransform,
         config: ImpedanceConfig,
-        q_posture: NDArray[np.float64] | None = None,
+        q_posture: Array | None = None,
         engage_height: float = ENGAGE_HEIGHT,
     ) -> None:
         super().__init__()

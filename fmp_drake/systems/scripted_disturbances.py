@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce
@@ -13,6 +12,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from fmp_drake.numeric import Array
 from fmp_drake.settings import bounded
 from fmp_drake.systems.interface.callbacks import (
     declare_bodies,
@@ -87,9 +87,7 @@ class Disturbance:
             since %= self.every
         return 0 <= since < self.duration
 
-    def pull(
-        self, displacement: NDArray[np.float64], v: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def pull(self, displacement: Array, v: Array) -> Array:
         """Return the force of a grasp, N.
 
         Parameters
@@ -98,7 +96,7 @@ class Disturbance:
             From the tool to the position, m, and velocity of the tool, m/s.
         """
         damping = 2 * np.sqrt(self.stiffness * _MASS)
-        force: NDArray[np.float64] = self.stiffness * displacement - damping * v
+        force: Array = self.stiffness * displacement - damping * v
         size = float(np.linalg.norm(force))
         return force * min(1.0, self.max_force / max(size, 1e-9))
 

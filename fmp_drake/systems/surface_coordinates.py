@@ -3,10 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.math import RotationMatrix
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from fmp_drake.numeric import Array
 from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import Surface
 
@@ -65,14 +65,14 @@ class SurfaceCoordinates(LeafSystem):
                 name, size, calc, prerequisites_of_calc=prerequisites
             )
 
-    def _position(self, context: Context) -> NDArray[np.float64]:
+    def _position(self, context: Context) -> Array:
         pose: Any = self._pose.Eval(context)
-        p_BE: NDArray[np.float64] = pose[4:].copy()
+        p_BE: Array = pose[4:].copy()
         return p_BE
 
-    def _uvh(self, context: Context) -> NDArray[np.float64]:
+    def _uvh(self, context: Context) -> Array:
         p_BE = self._position(context)
-        uvh: NDArray[np.float64] = surfaces.project(self._surface, p_BE, np.zeros(2))
+        uvh: Array = surfaces.project(self._surface, p_BE, np.zeros(2))
         return uvh
 
     def _calc_coordinates(self, context: Context, output: BasicVector) -> None:

@@ -3,18 +3,16 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import finite_array
+from fmp_drake.numeric import Array, finite_array
 from fmp_drake.systems.impedance.controller_status import STATUS_SIZE, StatusFlag
 from fmp_drake.systems.surface.surface import PLANE, Surface, project_all
-
-type FloatArray = NDArray[np.float64]
 
 TOLERANCE = 0.01
 """Greatest tolerated penetration of a hard point, m: half the thickness of a board."""
@@ -133,12 +131,12 @@ class SurfaceMonitor(LeafSystem):
         values.get_mutable_value(1)[0] = flags + StatusFlag.ARM_TOUCHES * touches
 
 
-def moved(X: FloatArray, p: FloatArray) -> FloatArray:
+def moved(X: Array, p: Array) -> Array:
     """Return points (..., 3) in another frame, by its poses X, shape (..., 3, 4)."""
     return (X[..., :3] @ p[..., None])[..., 0] + X[..., 3]
 
 
-def along(curvature: Surface, p_B: FloatArray) -> FloatArray:
+def along(curvature: Surface, p_B: Array) -> Array:
     """Return points (..., 3) in the coordinates (u, v, h) of a surface, m."""
     if curvature.is_plane:
         return p_B
@@ -146,7 +144,7 @@ def along(curvature: Surface, p_B: FloatArray) -> FloatArray:
     return uvh.reshape(p_B.shape)
 
 
-def deepest(p: FloatArray, radii: FloatArray, box: FloatArray) -> float:
+def deepest(p: Array, radii: Array, box: Array) -> float:
     """Return the depth of the deepest of N spheres below z = 0, within a board's edges.
 
     Parameters
@@ -167,7 +165,7 @@ def deepest(p: FloatArray, radii: FloatArray, box: FloatArray) -> float:
     return float(np.max((radii - p[:, 2])[is_within], initial=0.0))
 
 
-def clearances(p: FloatArray, radii: FloatArray, box: FloatArray) -> FloatArray:
+def clearances(p: Array, radii: Array, box: Array) -> Array:
     """Return the distances of spheres from a box, m; negative inside it.
 
     Parameters

@@ -4,7 +4,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
@@ -19,8 +18,6 @@ from fmp_drake.systems.surface.tool_motion import (
     desired_motion,
     measured_channels,
 )
-
-Array = NDArray[np.float64]
 
 _ROTATION = ("desired_orientation", "desired_angular_velocity",
              "desired_angular_acceleration")  # fmt: skip

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 from drake import lcmt_panda_command, lcmt_panda_status
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     BasicVector,
@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import as_floats
+from fmp_drake.numeric import Array, as_floats
 from fmp_drake.settings import check_settings
 from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
@@ -111,7 +111,7 @@ class TorqueGate(LeafSystem):
         *,
         initial: ArrayLike,
         limits: JointLimits,
-        send: Callable[[NDArray[np.float64], float], None] | None = None,
+        send: Callable[[Array, float], None] | None = None,
     ) -> None:
         super().__init__()
         self.set_name("torque_gate")

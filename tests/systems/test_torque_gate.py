@@ -17,16 +17,14 @@ from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.systems import GateConfig, GateMode
 from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.panda.arm_status import GateFault, read_status
-from fmp_drake.systems.panda.commands import (
-    CommandTrack,
-    command_utime,
-    track_commands,
-)
 from fmp_drake.systems.panda.gate import (
+    CommandTrack,
     GateState,
+    command_utime,
     gate_step,
     initial_gate,
     limited_change,
+    track_commands,
 )
 from fmp_drake.systems.torque_gate import TorqueGate
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import GREATEST, finite_array, is_whole
+from fmp_drake.numeric import GREATEST, Array, finite_array, is_whole
 
 POSITION_CHANNELS = ("x", "y", "z")
 # Rotation vector, rad; see `fmp_drake.primitives.data.orientation`.
@@ -149,9 +149,7 @@ def channel_roles(
     )
 
 
-def channel_scales(
-    scales: ChannelScales, values: NDArray[np.float64], units: Sequence[str]
-) -> NDArray[np.float64]:
+def channel_scales(scales: ChannelScales, values: Array, units: Sequence[str]) -> Array:
     """Return the number that each channel is divided by before the fit, shape (D,).
 
     Parameters

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
-from fmp_drake.numeric import GREATEST, as_floats, check_number
+from fmp_drake.numeric import GREATEST, Array, as_floats, check_number
 from fmp_drake.primitives.data.channels import (
     QUATERNION_CHANNELS,
     ROTATION_CHANNELS,
@@ -78,8 +78,8 @@ class Demonstration:
     (200, 2)
     """
 
-    time: NDArray[np.float64]
-    values: NDArray[np.float64]
+    time: Array
+    values: Array
     channels: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     frame: str = ""
@@ -203,8 +203,8 @@ class Demonstration:
                 f"the demonstration lasts {self.duration:.3g} s; at {rate:g} Hz that "
                 "is fewer than 2 samples."
             )
-        values: NDArray[np.float64] = self.values
-        time: NDArray[np.float64] = self.time
+        values: Array = self.values
+        time: Array = self.time
         if recorded_rate > 2 * rate:
             uniform = np.arange(time[0], time[-1], 1 / recorded_rate)
             values = CubicSpline(time, values)(uniform)
@@ -423,7 +423,7 @@ def read_demonstrations(
     options = options or ReadingOptions()
     demonstrations: list[Demonstration] = []
     remarks: list[str] = []
-    orientations: dict[int, tuple[Path, NDArray[np.float64]]] = {}
+    orientations: dict[int, tuple[Path, Array]] = {}
     for path in map(Path, [paths] if isinstance(paths, str | Path) else paths):
         with _naming(path), np.errstate(all="ignore"):  # Infinite numbers are refused.
             for table in read_tables(path, options):

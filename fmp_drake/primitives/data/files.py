@@ -17,6 +17,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from fmp_drake.errors import FmpError, SkillFileError
+from fmp_drake.numeric import Array
 
 
 class Blocks(Protocol):
@@ -26,7 +27,7 @@ class Blocks(Protocol):
     def shape(self) -> tuple[int, ...]:
         """Shape of the whole array."""
 
-    def blocks(self) -> Iterator[NDArray[np.float64]]:
+    def blocks(self) -> Iterator[Array]:
         """Yield consecutive rows of the array."""
 
 

@@ -18,11 +18,11 @@ from collections.abc import Sequence
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillError
-from fmp_drake.numeric import as_floats, finite_array
+from fmp_drake.numeric import Array, as_floats, finite_array
 from fmp_drake.primitives.data.channels import (
     ROTATION_CHANNELS,
     Quaternion,
@@ -112,7 +112,7 @@ def rotation_vectors(
     reference: Quaternion,
     *,
     near: ArrayLike | None = None,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return rotation vectors phi that follow a sequence of rotations without jumps.
 
     Parameters
@@ -195,7 +195,7 @@ def skill_rotations(skill: HasOrientation, values: ArrayLike) -> Rotation:
     return rotations_of(np.asarray(values, dtype=float)[..., index], reference)
 
 
-def angular_velocity(vectors: ArrayLike, rates: ArrayLike) -> NDArray[np.float64]:
+def angular_velocity(vectors: ArrayLike, rates: ArrayLike) -> Array:
     """Return the angular velocity omega_BE in frame B.
 
     omega = J_l(phi) dphi/dt, with the left Jacobian of SO(3)::
@@ -226,13 +226,11 @@ def angular_velocity(vectors: ArrayLike, rates: ArrayLike) -> NDArray[np.float64
     b = np.where(small, 1 / 2 - s / 24 + s**2 / 720, 2 * np.sin(a / 2) ** 2 / a**2)
     c = np.where(small, 1 / 6 - s / 120 + s**2 / 5040, (a - np.sin(a)) / a**3)
     first = np.cross(phi, rate)
-    out: NDArray[np.float64] = rate + b * first + c * np.cross(phi, first)
+    out: Array = rate + b * first + c * np.cross(phi, first)
     return out
 
 
-def _nearest_branch(
-    vector: NDArray[np.float64], near: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _nearest_branch(vector: Array, near: Array) -> Array:
     """Return the rotation vector of the same rotation that is nearest to another."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-9:
@@ -242,7 +240,7 @@ def _nearest_branch(
     else:
         axis = vector / angle
     revolutions = np.round((float(near @ axis) - angle) / (2 * np.pi))
-    out: NDArray[np.float64] = vector + 2 * np.pi * revolutions * axis
+    out: Array = vector + 2 * np.pi * revolutions * axis
     return out
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.numeric import as_floats, check_number, finite_array
+from fmp_drake.numeric import Array, Indices, as_floats, check_number, finite_array
 from fmp_drake.primitives.data.demonstration import Demonstration
 
 
@@ -51,15 +51,15 @@ class Windows:
         Indices of the parts of demonstrations that have no weight.
     """
 
-    values: NDArray[np.float64]
-    source: NDArray[np.int64]
+    values: Array
+    source: Indices
     example: Demonstration | None
-    part: NDArray[np.int64] | None = None
-    resampled: list[NDArray[np.float64]] | None = None
-    sources: NDArray[np.int64] | None = None
+    part: Indices | None = None
+    resampled: list[Array] | None = None
+    sources: Indices | None = None
     excluded: frozenset[int] = frozenset()
 
-    def recordings(self) -> list[NDArray[np.float64]]:
+    def recordings(self) -> list[Array]:
         """Return the recordings that the windows were cut from, arrays (n, D).
 
         Windows that were given as an array are joined where they overlap exactly.
@@ -68,7 +68,7 @@ class Windows:
             return joined_recordings(self.values)
         return [y for i, y in enumerate(self.resampled) if i not in self.excluded]
 
-    def paths(self, stride: int) -> tuple[NDArray[np.float64], ...]:
+    def paths(self, stride: int) -> tuple[Array, ...]:
         """Return the demonstrated paths, each (samples, D), without repetitions.
 
         Empty where the windows were given as an array, as their overlap is unknown.
@@ -82,7 +82,7 @@ class Windows:
         )
 
 
-def extent_of(values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+def extent_of(values: Sequence[Array]) -> Array:
     """Return the minima and maxima of recordings (n, D), shape (2, D)."""
     return np.stack(
         [
@@ -92,9 +92,7 @@ def extent_of(values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
     )
 
 
-def sliding_windows(
-    values: NDArray[np.float64], *, n_steps: int, stride: int
-) -> NDArray[np.float64]:
+def sliding_windows(values: Array, *, n_steps: int, stride: int) -> Array:
     """Cut samples (N, D) into windows `stride` samples apart: (n, T, D).
 
     Section V-A of the paper, with T = 120 and a stride of 10. A recording shorter
@@ -161,7 +159,7 @@ def _recordings(X: Any, *, n_steps: int, rate: float) -> Sequence[Demonstration]
     return [_sampled(array, rate)] if array.ndim in (1, 2) else None
 
 
-def _sampled(values: NDArray[np.float64], rate: float) -> Demonstration:
+def _sampled(values: Array, rate: float) -> Demonstration:
     if isinstance(rate, UnstatedRate):
         raise DemonstrationError(
             f"the array of shape {values.shape} has no times. Give its sample rate in Hz, "
@@ -265,7 +263,7 @@ def as_windows(
 
 def weighted_windows(
     windows: Windows, weights: ArrayLike | None
-) -> tuple[Windows, NDArray[np.float64] | None]:
+) -> tuple[Windows, Array | None]:
     """Return the windows of positive weight and their weights, on average 1.
 
     Parameters
@@ -302,14 +300,14 @@ def weighted_windows(
     return windows, positive / positive.mean()
 
 
-def joined_recordings(windows: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def joined_recordings(windows: Array) -> list[Array]:
     """Join windows (N, T, D) that overlap exactly to recordings (n, D), in order.
 
     Models that need the whole signal (its period, its phase) recover it from the windows
     that all models get. A window that does not continue the one before, sample
     for sample, starts another recording.
     """
-    out: list[list[NDArray[np.float64]]] = []
+    out: list[list[Array]] = []
     guess = 0
     for i, window in enumerate(windows):
         shift = _shift(windows[i - 1], window, guess) if i else 0
@@ -321,7 +319,7 @@ def joined_recordings(windows: NDArray[np.float64]) -> list[NDArray[np.float64]]
     return [np.concatenate(parts) for parts in out]
 
 
-def _shift(before: NDArray[np.float64], after: NDArray[np.float64], guess: int) -> int:
+def _shift(before: Array, after: Array, guess: int) -> int:
     """Return the shift between two windows in samples, 0 where they do not overlap."""
     last = len(before) - 2  # At least two samples must agree.
     shifts = np.flatnonzero(np.all(before == after[0], axis=1)).tolist()

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.fft import dct
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import DemonstrationError, SkillError
-from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.numeric import Array, check_number, finite_array
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.model.mapping import MappingPlan
@@ -62,7 +62,7 @@ class DiscreteMovement:
         Index of the component of the mixture.
     """
 
-    coefficients: NDArray[np.float64]
+    coefficients: Array
     duration: float
     component: int
 
@@ -308,17 +308,15 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         count = int(np.ceil(movement.duration * rate * (1 - 1e-9))) + 1
         return movement.motion(np.linspace(0.0, movement.duration, count))
 
-    def sample(
-        self, n: int = 1, *, seed: int = 0, with_noise: bool = True
-    ) -> NDArray[np.float64]:
+    def sample(self, n: int = 1, *, seed: int = 0, with_noise: bool = True) -> Array:
         """Draw movements from the mixture, shape (n, T, D), at the phases (i + 1/2) / T."""
         check_is_fitted(self, "skill_")
         samples = self.skill_.sample(n, seed=seed, with_noise=with_noise)
         return samples[:, : self.n_steps]
 
     def _mapped(
-        self, points: Sequence[tuple[float, list[int], NDArray[np.float64]]]
-    ) -> tuple[NDArray[np.float64], int]:
+        self, points: Sequence[tuple[float, list[int], Array]]
+    ) -> tuple[Array, int]:
         """Return weights in the span and the ellipsoid of the best component."""
         skill = self.skill_
         n, d = self.n_steps, self.n_channels_
@@ -357,10 +355,10 @@ def _mirrored(demonstration: Demonstration, n_steps: int, rate: float) -> Demons
 
 
 def _correction(
-    phases: NDArray[np.float64],
-    values: NDArray[np.float64],
-    coefficients: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    phases: Array,
+    values: Array,
+    coefficients: Array,
+) -> Array:
     """Return the cosine coefficients of least acceleration that reach the values.
 
     Minimises sum_k k^4 c_k^2 subject to the values at the phases; a constant is free.

@@ -13,11 +13,11 @@ from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import circmean, circstd
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import as_floats, check_number, finite_array
+from fmp_drake.numeric import Array, as_floats, check_number, finite_array
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.movement_primitive import (
@@ -89,14 +89,14 @@ class Spectrum:
     """
 
     channels: tuple[str, ...]
-    frequencies: NDArray[np.float64]
-    fractions: NDArray[np.float64]
-    magnitude_mean: NDArray[np.float64]
-    magnitude_std: NDArray[np.float64]
-    phase_mean: NDArray[np.float64]
-    phase_std: NDArray[np.float64]
-    relative_phase_mean: NDArray[np.float64]
-    relative_phase_std: NDArray[np.float64]
+    frequencies: Array
+    fractions: Array
+    magnitude_mean: Array
+    magnitude_std: Array
+    phase_mean: Array
+    phase_std: Array
+    relative_phase_mean: Array
+    relative_phase_std: Array
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -216,8 +216,8 @@ def skill_spectrum(skill: FourierMovementPrimitive) -> Spectrum:
 
 
 def polar(
-    windows: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    windows: Array,
+) -> tuple[Array, Array]:
     """Return magnitudes and phases of windows (N, T, D), each (N, H, D)."""
     n = windows.shape[1]
     spectrum = np.fft.rfft(windows, axis=1) * 2 / n
@@ -227,9 +227,9 @@ def polar(
     return np.abs(spectrum), np.angle(spectrum)
 
 
-def _circular_std(phase: NDArray[np.float64]) -> NDArray[np.float64]:
+def _circular_std(phase: Array) -> Array:
     with np.errstate(divide="ignore"):  # Infinite where phases cancel exactly.
-        out: NDArray[np.float64] = circstd(phase, low=-np.pi, high=np.pi, axis=0)
+        out: Array = circstd(phase, low=-np.pi, high=np.pi, axis=0)
     return out
 
 
@@ -240,7 +240,7 @@ def modulate_windows(
     gain: float = 1.0,
     phase: float = 0.0,
     channels: Sequence[int] | None = None,
-) -> NDArray[np.float64]:
+) -> Array:
     """Scale the magnitude and shift the phase of some harmonics.
 
     Parameters
@@ -323,12 +323,12 @@ def modulate_skill(
     check_skill(skill, "modulate_skill(skill)")
     index = channel_indices(channels, skill.channels_)
 
-    def modulated(windows: NDArray[np.float64]) -> NDArray[np.float64]:
+    def modulated(windows: Array) -> Array:
         return modulate_windows(
             windows, harmonics=harmonics, gain=gain, phase=phase, channels=index
         )
 
-    def mapped(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mapped(weights: Array) -> Array:
         return skill.basis.analyze(modulated(skill.basis.synthesize(weights)))
 
     components = []
@@ -351,9 +351,7 @@ def modulate_skill(
     )
 
 
-def _with_factor(
-    component: LowRankGaussian, factor: NDArray[np.float64]
-) -> LowRankGaussian:
+def _with_factor(component: LowRankGaussian, factor: Array) -> LowRankGaussian:
     """Replace U by any n x r factor: the covariance is factor diag(s) factor' + eps I."""
     directions, triangle = np.linalg.qr(factor)
     core = (triangle * component.variances) @ triangle.T

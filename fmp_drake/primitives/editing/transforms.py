@@ -5,12 +5,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.numeric import Array, check_number, finite_array
 from fmp_drake.primitives.data.channels import (
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
@@ -149,7 +149,7 @@ def transform_space(
     return copy_skill(out, **changes)
 
 
-def _rotation_matrix(rotation: Rotation | ArrayLike, count: int) -> NDArray[np.float64]:
+def _rotation_matrix(rotation: Rotation | ArrayLike, count: int) -> Array:
     if isinstance(rotation, Rotation):
         rotation = rotation.as_matrix()
     matrix = finite_array(rotation, "the rotation", (count, count))
@@ -160,7 +160,7 @@ def _rotation_matrix(rotation: Rotation | ArrayLike, count: int) -> NDArray[np.f
             f"determinant is {np.linalg.det(matrix):.3g}; it must be orthogonal with "
             "determinant 1."
         )
-    nearest: NDArray[np.float64] = polar(matrix)[0]
+    nearest: Array = polar(matrix)[0]
     return nearest
 
 
@@ -168,9 +168,9 @@ def _apply(
     skill: FourierMovementPrimitive,
     *,
     index: list[int],
-    rotation: NDArray[np.float64],
+    rotation: Array,
     scale: float,
-    translation: NDArray[np.float64],
+    translation: Array,
 ) -> FourierMovementPrimitive:
     """Transform some channels; `rotation` is orthogonal."""
     old = skill.scales_[index]
@@ -222,8 +222,8 @@ def _apply(
 
 
 def _rotated_scales(
-    skill: FourierMovementPrimitive, index: list[int], rotation: NDArray[np.float64]
-) -> NDArray[np.float64]:
+    skill: FourierMovementPrimitive, index: list[int], rotation: Array
+) -> Array:
     """Return the scales after a rotation, where those keep the noise isotropic."""
     squares = (rotation * skill.scales_[index] ** 2) @ rotation.T
     new = np.sqrt(np.diag(squares))

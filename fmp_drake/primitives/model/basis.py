@@ -3,11 +3,11 @@
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_interp_spline
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import as_floats, check_number
+from fmp_drake.numeric import Array, as_floats, check_number
 
 _SPLINE_DEGREE = 5
 # Fraction of a window at its end that is not played, and the part of it that is not
@@ -52,7 +52,7 @@ class FourierBasis:
         check_number(n_steps, "n_steps", least=8, whole=True)
         self.n_steps = int(n_steps)
 
-    def analyze(self, samples: ArrayLike) -> NDArray[np.float64]:
+    def analyze(self, samples: ArrayLike) -> Array:
         """Return the weights (..., D*T) of windows of samples (..., T, D)."""
         n = self.n_steps
         y = as_floats(samples, "the samples", ("...", n, "channels"))
@@ -66,7 +66,7 @@ class FourierBasis:
             w[..., -1] = spectrum[..., -1].real / np.sqrt(n)
         return w.reshape(*w.shape[:-2], w.shape[-2] * n)
 
-    def synthesize(self, weights: ArrayLike) -> NDArray[np.float64]:
+    def synthesize(self, weights: ArrayLike) -> Array:
         """Return the windows of samples (..., T, D) that have weights (..., D*T)."""
         n = self.n_steps
         w = self.by_channel(weights)
@@ -80,7 +80,7 @@ class FourierBasis:
             spectrum[..., -1] = w[..., -1] * np.sqrt(n)
         return np.swapaxes(np.fft.irfft(spectrum, n=n, axis=-1), -1, -2)
 
-    def by_channel(self, weights: ArrayLike) -> NDArray[np.float64]:
+    def by_channel(self, weights: ArrayLike) -> Array:
         """Return weights (..., D*T) with an axis for the channels, (..., D, T)."""
         w = as_floats(weights, "the weights")
         if w.ndim < 1 or w.shape[-1] == 0 or w.shape[-1] % self.n_steps:
@@ -91,7 +91,7 @@ class FourierBasis:
         channels = w.shape[-1] // self.n_steps
         return w.reshape(*w.shape[:-1], channels, self.n_steps)
 
-    def series(self, steps: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
+    def series(self, steps: ArrayLike, derivative: int = 0) -> Array:
         """Return the values of all basis functions at any time, shape (..., T).
 
         Parameters
@@ -122,7 +122,7 @@ class FourierBasis:
             out[..., -1] = np.pi**derivative * np.cos(nyquist) / np.sqrt(n)
         return out
 
-    def rows(self, steps: ArrayLike, derivative: int = 0) -> NDArray[np.float64]:
+    def rows(self, steps: ArrayLike, derivative: int = 0) -> Array:
         """Return the rows Phi(t) that map one channel's weights to its value.
 
         At the samples these are the rows of (4). Between samples they follow the
@@ -154,7 +154,7 @@ class FourierBasis:
                 f"steps run from {np.min(tau)} to {np.max(tau)}; a window of "
                 f"{self.n_steps} samples is defined from 0 to {self.n_steps - 1}."
             )
-        out: NDArray[np.float64] = self._spline(tau, nu=derivative)
+        out: Array = self._spline(tau, nu=derivative)
         return out
 
     @cached_property
@@ -164,7 +164,7 @@ class FourierBasis:
             np.arange(n), self.series(np.arange(n)), k=_SPLINE_DEGREE
         )
 
-    def local_rows(self, step: float) -> NDArray[np.float64]:
+    def local_rows(self, step: float) -> Array:
         """Return `rows` and its first two derivatives at one time, fast.
 
         Parameters
@@ -188,7 +188,7 @@ class FourierBasis:
         )
         return powers @ self.local_polynomial(i)
 
-    def local_polynomial(self, interval: int) -> NDArray[np.float64]:
+    def local_polynomial(self, interval: int) -> Array:
         """Return the polynomials of `rows` between two samples, shape (6, T).
 
         They are the coefficients of the powers 0 to 5 of the time in samples since the
@@ -207,10 +207,10 @@ class FourierBasis:
         return cache[interval]
 
     @cached_property
-    def _polynomials(self) -> dict[int, NDArray[np.float64]]:
+    def _polynomials(self) -> dict[int, Array]:
         return {}
 
-    def to_paper(self, weights: ArrayLike) -> NDArray[np.float64]:
+    def to_paper(self, weights: ArrayLike) -> Array:
         """Return the 2T weights (6) of each channel that the paper uses, from these.
 
         Parameters
@@ -235,7 +235,7 @@ def closing_samples(n_steps: int) -> int:
     return int(_UNPLAYED * n_steps)
 
 
-def close_windows(windows: NDArray[np.float64]) -> NDArray[np.float64]:
+def close_windows(windows: Array) -> Array:
     """Blend the ends of windows (..., T, D) into their beginnings.
 
     The Fourier series of a window is periodic. If the last sample is far from the
@@ -250,14 +250,12 @@ def close_windows(windows: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @lru_cache
-def _bridge(n_steps: int) -> NDArray[np.float64]:
+def _bridge(n_steps: int) -> Array:
     """Return the matrix (L, T - L) from the first samples of a window to the last L."""
     first = n_steps - round((1 - _KEPT) * closing_samples(n_steps))
     difference = np.eye(n_steps)
     for _ in range(3):
         difference = difference - np.roll(difference, 1, axis=0)
-    out: NDArray[np.float64] = np.linalg.lstsq(
-        difference[:, first:], -difference[:, :first]
-    )[0]
+    out: Array = np.linalg.lstsq(difference[:, first:], -difference[:, :first])[0]
     out.setflags(write=False)
     return out

@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
 from fmp_drake.errors import SkillError
+from fmp_drake.numeric import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,9 +37,9 @@ class LowRankGaussian:
     array([5., 1., 1.])
     """
 
-    mean: NDArray[np.float64]
-    basis: NDArray[np.float64]
-    variances: NDArray[np.float64]
+    mean: Array
+    basis: Array
+    variances: Array
     noise: float
 
     def __post_init__(self) -> None:
@@ -69,17 +70,17 @@ class LowRankGaussian:
         """The number of columns r of the factor."""
         return self.variances.shape[0]
 
-    def multiply(self, vectors: ArrayLike) -> NDArray[np.float64]:
+    def multiply(self, vectors: ArrayLike) -> Array:
         """Return the covariance times vectors, shape (..., n)."""
         x = np.asarray(vectors, dtype=float)
         return ((x @ self.basis) * self.variances) @ self.basis.T + self.noise * x
 
-    def precision_diagonal(self) -> NDArray[np.float64]:
+    def precision_diagonal(self) -> Array:
         """Return the diagonal of the precision matrix, shape (n,)."""
         shrink = self.variances / (self.variances + self.noise)
         return (1 - (self.basis**2) @ shrink) / self.noise
 
-    def mahalanobis_squared(self, vectors: ArrayLike) -> NDArray[np.float64]:
+    def mahalanobis_squared(self, vectors: ArrayLike) -> Array:
         """Return (x - mean)' precision (x - mean) of vectors (..., n)."""
         delta = np.asarray(vectors, dtype=float) - self.mean
         coordinates = delta @ self.basis
@@ -87,7 +88,7 @@ class LowRankGaussian:
         weighted = np.sum(coordinates**2 / (self.variances + self.noise), axis=-1)
         return weighted + np.maximum(outside, 0) / self.noise
 
-    def log_density(self, vectors: ArrayLike) -> NDArray[np.float64]:
+    def log_density(self, vectors: ArrayLike) -> Array:
         """Return the natural logarithm of the density at vectors (..., n)."""
         log_det = np.sum(np.log(self.variances + self.noise))
         log_det += (self.dim - self.rank) * np.log(self.noise)
@@ -96,7 +97,7 @@ class LowRankGaussian:
 
     def sample(
         self, rng: np.random.Generator, size: int = 1, *, with_noise: bool = True
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """Draw vectors, shape (size, n).
 
         Parameters
@@ -115,18 +116,14 @@ class LowRankGaussian:
         stretch = np.sqrt(1 + self.variances / self.noise) - 1
         return self.mean + white + ((white @ self.basis) * stretch) @ self.basis.T
 
-    def marginal(
-        self, rows: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def marginal(self, rows: ArrayLike) -> tuple[Array, Array]:
         """Return mean (m,) and covariance (m, m) of A x, for A of shape (m, n)."""
         a = np.asarray(rows, dtype=float)
         factor = a @ self.basis
         cov = (factor * self.variances) @ factor.T + self.noise * (a @ a.T)
         return a @ self.mean, cov
 
-    def confined(
-        self, vector: NDArray[np.float64], confidence: float
-    ) -> NDArray[np.float64]:
+    def confined(self, vector: Array, confidence: float) -> Array:
         """Return a vector projected onto the span and into an ellipsoid, shape (n,).
 
         Parameters

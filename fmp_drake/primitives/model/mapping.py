@@ -4,12 +4,11 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import cholesky, solve_triangular
 
-from fmp_drake.blas import one_blas_thread
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import GREATEST, as_floats, finite_array
+from fmp_drake.numeric import GREATEST, Array, as_floats, finite_array, one_blas_thread
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 
 
@@ -77,9 +76,9 @@ class Mapping:
     (1, array([4., 5.]))
     """
 
-    weights: NDArray[np.float64]
+    weights: Array
     component: int
-    costs: NDArray[np.float64]
+    costs: Array
 
 
 class MappingPlan:
@@ -120,7 +119,7 @@ class MappingPlan:
     @one_blas_thread()
     def __init__(
         self,
-        proportions: NDArray[np.float64],
+        proportions: Array,
         components: tuple[LowRankGaussian, ...],
         *,
         rows: ArrayLike,

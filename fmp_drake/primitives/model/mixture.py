@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.special import logsumexp
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import GREATEST
+from fmp_drake.numeric import GREATEST, Array
 from fmp_drake.primitives.data.windows import sliding_windows
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
@@ -44,22 +43,22 @@ class MixtureFit:
         With the regulariser on their diagonals.
     """
 
-    proportions: NDArray[np.float64]
-    means: NDArray[np.float64]
-    covariances: NDArray[np.float64]
+    proportions: Array
+    means: Array
+    covariances: Array
 
 
 def fit_mixture(
-    weights: NDArray[np.float64],
+    weights: Array,
     *,
     n_components: ComponentCount,
     explained_variance: float,
     regularization: float,
     shrinkage: float = 0.0,
     seed: int,
-    sample_weights: NDArray[np.float64] | None = None,
+    sample_weights: Array | None = None,
     progress: Progress | None = None,
-) -> tuple[NDArray[np.float64], tuple[LowRankGaussian, ...]]:
+) -> tuple[Array, tuple[LowRankGaussian, ...]]:
     """Fit the mixture (9) by EM, initialised by k-means.
 
     There are far fewer windows than weights, so EM runs on the coordinates of the
@@ -135,13 +134,13 @@ def fit_mixture(
 
 
 def learn_continuation(
-    recordings: Sequence[NDArray[np.float64]],
+    recordings: Sequence[Array],
     *,
     n_steps: int,
     n_observed: int,
     tolerance: float,
     **options: Any,
-) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
+) -> Callable[[Array], Array] | None:
     """Learn a mixture of recordings; return a function from a past to its continuation.
 
     Parameters
@@ -180,7 +179,7 @@ def learn_continuation(
         tolerance=tolerance,
     )
 
-    def play(past: NDArray[np.float64]) -> NDArray[np.float64]:
+    def play(past: Array) -> Array:
         mapping = plan.map(past.ravel())
         weights = components[mapping.component].confined(mapping.weights, _CONFIDENCE)
         return basis.synthesize(weights)[n_observed:]
@@ -189,8 +188,8 @@ def learn_continuation(
 
 
 def _principal_directions(
-    centred: NDArray[np.float64], explained_variance: float
-) -> tuple[NDArray[np.float64], float]:
+    centred: Array, explained_variance: float
+) -> tuple[Array, float]:
     """Return the leading directions (r, n) of rows (N, n), and the residual variance.
 
     The residual variance is the mean over the n - r other directions.
@@ -212,9 +211,7 @@ def _principal_directions(
     return np.ascontiguousarray(leading.T), residual
 
 
-def _rank(
-    energy: NDArray[np.float64], n: int, explained_variance: float
-) -> tuple[int, float]:
+def _rank(energy: Array, n: int, explained_variance: float) -> tuple[int, float]:
     """Return the number of directions to keep, and the mean variance in the others."""
     total = float(energy.sum())
     if total < 1 / GREATEST:
@@ -225,7 +222,7 @@ def _rank(
     return rank, float(energy[rank:].sum()) / max(n - rank, 1)
 
 
-def _distinct(samples: NDArray[np.float64]) -> int:
+def _distinct(samples: Array) -> int:
     """Return the number of samples that differ by more than rounding."""
     greatest = float(np.max(np.abs(samples)))
     if greatest**2 < 1 / GREATEST:
@@ -234,9 +231,9 @@ def _distinct(samples: NDArray[np.float64]) -> int:
 
 
 def fit_gaussians(
-    samples: NDArray[np.float64],
+    samples: Array,
     *,
-    sample_weights: NDArray[np.float64],
+    sample_weights: Array,
     n_components: int,
     regularization: float,
     shrinkage: float,
@@ -297,10 +294,10 @@ def fit_gaussians(
 
 
 def log_gaussians(
-    samples: NDArray[np.float64],
-    means: NDArray[np.float64],
-    covariances: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    samples: Array,
+    means: Array,
+    covariances: Array,
+) -> Array:
     """Return the log density of samples (N, r) under each Gaussian, (N, M)."""
     out = np.empty((len(samples), len(means)))
     for j, (mean, covariance) in enumerate(zip(means, covariances, strict=True)):
@@ -319,9 +316,9 @@ def log_gaussians(
 
 
 def _maximise(
-    samples: NDArray[np.float64],
-    sample_weights: NDArray[np.float64],
-    responsibilities: NDArray[np.float64],
+    samples: Array,
+    sample_weights: Array,
+    responsibilities: Array,
     regularization: float,
     shrinkage: float,
 ) -> MixtureFit:

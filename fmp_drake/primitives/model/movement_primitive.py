@@ -5,11 +5,10 @@ from dataclasses import replace
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fmp_drake.blas import one_blas_thread
 from fmp_drake.errors import DemonstrationError, SkillError
-from fmp_drake.numeric import GREATEST, check_number, is_whole
+from fmp_drake.numeric import GREATEST, Array, check_number, is_whole, one_blas_thread
 from fmp_drake.primitives.data.channels import (
     ChannelScales,
     channel_scales,
@@ -381,9 +380,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 self.calibration_, recordings, self._continuation, seen=self.overlap
             )
 
-    def _continuation(
-        self, recordings: list[NDArray[np.float64]]
-    ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]] | None:
+    def _continuation(self, recordings: list[Array]) -> Callable[[Array], Array] | None:
         """Learn a mixture of scaled recordings; return what it plays after K samples."""
         return learn_continuation(
             recordings,
@@ -406,8 +403,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
 
     def _tracked_rhythm(
         self,
-        recordings: Sequence[NDArray[np.float64]],
-        counts: NDArray[np.float64] | None,
+        recordings: Sequence[Array],
+        counts: Array | None,
         period: float | None,
         progress: Progress | None,
     ) -> TrackedRhythm | None:

@@ -5,13 +5,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammaln, softmax
 
-from fmp_drake.numeric import finite_array
-
-Array = NDArray[np.float64]
-
+from fmp_drake.numeric import Array, finite_array
 
 # Weight of the distance of two pasts relative to the weight of their difference in
 # shape.

@@ -3,11 +3,11 @@
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import as_floats, check_number
+from fmp_drake.numeric import Array, as_floats, check_number
 
 if TYPE_CHECKING:
     from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
@@ -80,15 +80,13 @@ class DemonstratedRegion:
             np.concatenate([densified(path, spacing) for path in paths])
         )
 
-    def distance(self, values: ArrayLike) -> NDArray[np.float64]:
+    def distance(self, values: ArrayLike) -> Array:
         """Return the distance of values (..., D) to the nearest path, shape (...), m."""
         points = as_floats(values, "the values")[..., self._channels]
-        distance: NDArray[np.float64] = self._tree.query(points)[0]
+        distance: Array = self._tree.query(points)[0]
         return distance
 
-    def largest_fractions(
-        self, steady: NDArray[np.float64], deviations: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def largest_fractions(self, steady: Array, deviations: Array) -> Array:
         """Return the largest fractions of deviations that keep a movement in the region.
 
         Where the movement without its deviation is outside, as after a push, it may be
@@ -130,7 +128,7 @@ def automatic_margin(skill: "FourierMovementPrimitive") -> float | None:
     return _AUTOMATIC * width if skill.paths_ and width > 0 else None
 
 
-def densified(path: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
+def densified(path: Array, spacing: float) -> Array:
     """Insert points into a path (N, D) so that neighbours are at most `spacing` apart."""
     change = np.diff(path, axis=0)
     pieces = np.maximum(np.ceil(np.linalg.norm(change, axis=1) / spacing), 1)

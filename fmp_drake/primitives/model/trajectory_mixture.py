@@ -6,13 +6,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import logsumexp
 from sklearn.base import BaseEstimator, DensityMixin
 from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import as_floats, check_number, finite_array
+from fmp_drake.numeric import Array, as_floats, check_number, finite_array
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.data.windows import Windows, as_windows
 from fmp_drake.primitives.model.basis import FourierBasis
@@ -59,16 +59,16 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
     rate: float
     overlap: int
     tolerance: float
-    proportions_: NDArray[np.float64]
+    proportions_: Array
     components_: tuple[LowRankGaussian, ...]
     phase_model_: PhaseModel | None
     calibration_: Calibration | None
-    memory_: tuple[NDArray[np.float64], ...]
-    scales_: NDArray[np.float64]
+    memory_: tuple[Array, ...]
+    scales_: Array
     n_channels_: int
     channels_: tuple[str, ...]
 
-    def analyze(self, windows: ArrayLike) -> NDArray[np.float64]:
+    def analyze(self, windows: ArrayLike) -> Array:
         """Return the Fourier weights (..., D*T) of windows of samples (..., T, D)."""
         check_is_fitted(self, "scales_")
         shape = ("...", self.n_steps, self.n_channels_)
@@ -76,7 +76,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             as_floats(windows, "the windows", shape) / self.scales_
         )
 
-    def synthesize(self, weights: ArrayLike) -> NDArray[np.float64]:
+    def synthesize(self, weights: ArrayLike) -> Array:
         """Return the windows of samples (..., T, D) with Fourier weights (..., D*T)."""
         check_is_fitted(self, "scales_")
         shape = ("...", self.n_channels_ * self.n_steps)
@@ -85,7 +85,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             * self.scales_
         )
 
-    def score_samples(self, X: ArrayLike) -> NDArray[np.float64]:
+    def score_samples(self, X: ArrayLike) -> Array:
         """Return the log density of windows (N, T, D), shape (N,).
 
         The real weights are an isometry of the samples, so this is a density over
@@ -115,9 +115,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         """Return the mean log density per sample (time step) of windows."""
         return float(np.mean(self.score_samples(X))) / self.n_steps
 
-    def sample(
-        self, n: int = 1, *, seed: int = 0, with_noise: bool = True
-    ) -> NDArray[np.float64]:
+    def sample(self, n: int = 1, *, seed: int = 0, with_noise: bool = True) -> Array:
         """Draw trajectories of one window, shape (n, T, D).
 
         They are drawn from the phase model itself where there is one: its Gaussians are
@@ -136,7 +134,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             check_number(value, name, least=0, most=2**31 - 1, whole=True)
         rng = np.random.default_rng(seed)
         counts = rng.multinomial(n, self.proportions_ / self.proportions_.sum())
-        parts: list[NDArray[np.float64]] = []
+        parts: list[Array] = []
         for j, size in enumerate(counts):
             if self.phase_model_ is None:
                 drawn = self.components_[j].sample(rng, size, with_noise=with_noise)
@@ -151,8 +149,8 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         rng: np.random.Generator,
         size: int = 1,
         *,
-        past: NDArray[np.float64] | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        past: Array | None = None,
+    ) -> tuple[Array, Array]:
         """Draw weights of windows of a component, without its white noise.
 
         Parameters
@@ -181,9 +179,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         )
         return self.basis.analyze(parts[0]), self.basis.analyze(parts[1])
 
-    def expected(
-        self, component: int, past: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def expected(self, component: int, past: Array) -> Array:
         """Return the weights (D*T,) that a playback of a component tracks.
 
         They are the component's mean; with a phase model, those of the cycle that continues
@@ -209,17 +205,17 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         return self._with_phase().period / self.rate
 
     @property
-    def tempos_(self) -> NDArray[np.float64]:
+    def tempos_(self) -> Array:
         """Tempo of each demonstrated cycle relative to the mean, shape (C,)."""
         model = self._with_phase()
         return model.period / model.history.lengths
 
     @property
-    def amplitudes_(self) -> NDArray[np.float64]:
+    def amplitudes_(self) -> Array:
         """Size of each demonstrated cycle relative to the mean cycle, shape (C,)."""
         return self._with_phase().history.amplitudes
 
-    def phase(self, values: ArrayLike) -> NDArray[np.float64]:
+    def phase(self, values: ArrayLike) -> Array:
         """Return the unwrapped phase of consecutive samples of the movement, shape (n,).
 
         It grows by 2 pi in every cycle. The same phase is the same place in the cycle in
@@ -340,7 +336,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         *,
         channels: Sequence[str | int] | None = None,
         derivative: int = 0,
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """Return Phi^D (20): the matrix from weights to values at K steps, (K*C, D*T).
 
         Ordered like values of shape (steps, C) flattened: all C channels of the first
@@ -392,7 +388,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         plan: MappingPlan = self._cache.get(key, lambda: self._plan(rows, tolerance))
         return plan
 
-    def _plan(self, rows: NDArray[np.float64], tolerance: ArrayLike) -> MappingPlan:
+    def _plan(self, rows: Array, tolerance: ArrayLike) -> MappingPlan:
         return MappingPlan(
             self.proportions_,
             self.components_,
@@ -438,7 +434,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         plan = self._plan(np.concatenate(rows), np.concatenate(tolerances))
         return plan.map(np.concatenate(values))
 
-    def _tolerances(self) -> NDArray[np.float64]:
+    def _tolerances(self) -> Array:
         """Return lambda of each channel, in its squared unit, shape (D,)."""
         return self.tolerance * self.scales_**2
 
@@ -464,7 +460,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         plan = self.mapping_plan(first_step + np.arange(len(y)))
         return plan.map(y.ravel())
 
-    def covariance(self, component: int, step: float) -> NDArray[np.float64]:
+    def covariance(self, component: int, step: float) -> Array:
         """Return the covariance (18) of a component at a time in samples, (D, D)."""
         self.check_fitted()
         last = len(self.components_) - 1
@@ -475,10 +471,10 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         factor = gaussian.basis.reshape(self.n_channels_, self.n_steps, gaussian.rank)
         factor = np.tensordot(row, factor, axes=(0, 1)) * self.scales_[:, None]
         noise = gaussian.noise * (row @ row) * np.diag(self.scales_**2)
-        out: NDArray[np.float64] = (factor * gaussian.variances) @ factor.T + noise
+        out: Array = (factor * gaussian.variances) @ factor.T + noise
         return out
 
-    def predicted_covariance(self, component: int, step: float) -> NDArray[np.float64]:
+    def predicted_covariance(self, component: int, step: float) -> Array:
         """Return the covariance (D, D) of the movement about a window that is played.
 
         It is (18). For a mixture, the errors of playback are added after the first K
@@ -622,7 +618,7 @@ class PredictionPlan:
 
 
 def _background(
-    proportions: NDArray[np.float64], components: tuple[LowRankGaussian, ...]
+    proportions: Array, components: tuple[LowRankGaussian, ...]
 ) -> LowRankGaussian:
     """Return one wide Gaussian over all components: their covariance times a factor."""
     means = np.stack([c.mean for c in components])

@@ -5,10 +5,10 @@ from dataclasses import replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import pascal
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.trackers import Relaxation
@@ -38,11 +38,9 @@ class Motion(np.ndarray[tuple[Any, ...], np.dtype[np.float64]]):
     array([10., 11.])
     """
 
-    time: NDArray[np.float64] | None = None
+    time: Array | None = None
 
-    def __new__(
-        cls, values: NDArray[np.float64], *, time: NDArray[np.float64] | None = None
-    ) -> Self:
+    def __new__(cls, values: Array, *, time: Array | None = None) -> Self:
         """Name the rows of an array, which is not copied."""
         motion = values.view(cls)
         motion.time = time
@@ -53,17 +51,17 @@ class Motion(np.ndarray[tuple[Any, ...], np.dtype[np.float64]]):
         self.time = getattr(array, "time", None)
 
     @property
-    def position(self) -> NDArray[np.float64]:
+    def position(self) -> Array:
         """The value of each channel, shape (..., D)."""
         return self[..., 0, :]
 
     @property
-    def velocity(self) -> NDArray[np.float64]:
+    def velocity(self) -> Array:
         """Per second, shape (..., D)."""
         return self[..., 1, :]
 
     @property
-    def acceleration(self) -> NDArray[np.float64]:
+    def acceleration(self) -> Array:
         """Per second^2, shape (..., D)."""
         return self[..., 2, :]
 
@@ -105,13 +103,13 @@ class Segment(NamedTuple):
         As in `PlaybackState`, s.
     """
 
-    coefficients: NDArray[np.float64]
-    rates: NDArray[np.float64]
+    coefficients: Array
+    rates: Array
     linear: bool
     time_since_tick: float
     tempo: float
     tempo_rate: float
-    offset: NDArray[np.float64]
+    offset: Array
     blend_time: float
 
 
@@ -160,7 +158,7 @@ def make_segment(
 
 
 @compiled
-def segment_motion(segment: Segment, seconds: float) -> NDArray[np.float64]:
+def segment_motion(segment: Segment, seconds: float) -> Array:
     """Return the desired motion some seconds after the beginning of a segment.
 
     Parameters
@@ -199,9 +197,7 @@ def segment_motion(segment: Segment, seconds: float) -> NDArray[np.float64]:
 
 
 @compiled
-def decayed_offset(
-    offset: NDArray[np.float64], blend_time: float, seconds: float
-) -> NDArray[np.float64]:
+def decayed_offset(offset: Array, blend_time: float, seconds: float) -> Array:
     """Return an offset that decays like a critically damped spring for some seconds.
 
     Parameters
@@ -231,12 +227,12 @@ def decayed_offset(
 
 @compiled
 def mode_coefficients(
-    rows: NDArray[np.float64],
-    modes: NDArray[np.float64],
-    coordinates: NDArray[np.float64],
-    residual: NDArray[np.float64],
+    rows: Array,
+    modes: Array,
+    coordinates: Array,
+    residual: Array,
     channels: int,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the coefficients of the decaying modes, in units of the weights.
 
     Parameters
@@ -280,15 +276,15 @@ class LookAhead(NamedTuple):
         directions.
     """
 
-    steady: NDArray[np.float64]
-    response: NDArray[np.float64]
+    steady: Array
+    response: Array
 
 
 def look_ahead_at_once(
     skill: FourierMovementPrimitive,
     state: PlaybackState,
-    motion: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    motion: Array,
+) -> tuple[Array, Array]:
     """Return the values at the next ticks where the weights are replaced at once.
 
     The offset absorbs the difference, so that position and velocity, (2, D), do not jump.
@@ -343,9 +339,9 @@ def look_ahead(
     modes = np.eye(d * n) if relaxation.modes is None else relaxation.modes
 
     def decayed(
-        rows: NDArray[np.float64],
-        decay: tuple[NDArray[np.float64], NDArray[np.float64]],
-    ) -> NDArray[np.float64]:
+        rows: Array,
+        decay: tuple[Array, Array],
+    ) -> Array:
         """Return k rows of the basis times the deviations, shape (D, k, 1 + r)."""
         modal, complement = decay
         out = ((rows @ modes.reshape(d, n, -1)) * modal) @ coordinates.T
@@ -373,9 +369,7 @@ def look_ahead(
     return LookAhead(out[..., 0], out[..., 1:])
 
 
-def _offset_response(
-    state: PlaybackState, seconds: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _offset_response(state: PlaybackState, seconds: Array) -> Array:
     """Return the later values of an offset of unit value and unit velocity, (N, 2)."""
     return np.array(
         [decayed_offset(np.eye(2), state.blend_time, t)[0] for t in seconds]

@@ -6,7 +6,8 @@ from dataclasses import dataclass, fields
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+
+from fmp_drake.numeric import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,12 +59,12 @@ class PlaybackState:
     (15, 1, 0.07)
     """
 
-    weights: NDArray[np.float64]
-    target: NDArray[np.float64]
+    weights: Array
+    target: Array
     component: int
     step: int
-    history: NDArray[np.float64]
-    offset: NDArray[np.float64]
+    history: Array
+    offset: Array
     blend_time: float
     time_since_tick: float = 0.0
     tempo: float = 1.0
@@ -90,16 +91,14 @@ class PlaybackState:
         speed = self.tempo + math.sqrt(root) if root >= 0 else 0.0
         return 2 * interval / speed if speed > 0 else math.inf
 
-    def to_arrays(self) -> list[NDArray[np.float64]]:
+    def to_arrays(self) -> list[Array]:
         """Return weights, target, history and offset as vectors, then all numbers."""
         arrays = [getattr(self, name).ravel() for name in _ARRAYS]
         numbers = [float(getattr(self, name)) for name in _numbers()]
         return [*arrays, np.array(numbers)]
 
     @classmethod
-    def from_arrays(
-        cls, arrays: Sequence[NDArray[np.float64]], *, channels: int
-    ) -> Self:
+    def from_arrays(cls, arrays: Sequence[Array], *, channels: int) -> Self:
         """Return the state from the arrays of `to_arrays`, which are copied."""
         values: dict[str, Any] = {
             name: array.copy() for name, array in zip(_ARRAYS, arrays, strict=False)

@@ -6,11 +6,16 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fmp_drake.blas import one_blas_thread
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import as_floats, check_number, finite_array
+from fmp_drake.numeric import (
+    Array,
+    as_floats,
+    check_number,
+    finite_array,
+    one_blas_thread,
+)
 from fmp_drake.primitives.model.basis import closing_samples
 from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
@@ -28,7 +33,7 @@ from fmp_drake.primitives.playback.motion import (
 from fmp_drake.primitives.playback.playback_state import PlaybackState
 from fmp_drake.primitives.playback.trackers import LqrTracker, Tracker
 
-type Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+type Score = Callable[[Array], Array]
 
 # Tolerance of the mapped weights to the motion of a pushed robot, as a fraction of the
 # movement's half width.
@@ -168,7 +173,7 @@ class Player:
             first, tolerance=np.tile(pushed, skill.overlap)
         )
         self._rows = skill.basis.synthesize(np.eye(skill.n_steps))[..., 0].T
-        self._covariances: dict[int, NDArray[np.float64]] = {}
+        self._covariances: dict[int, Array] = {}
 
     # From state to state ------------------------------------------------------
 
@@ -252,7 +257,7 @@ class Player:
     def retarget(
         self,
         state: PlaybackState,
-        target: NDArray[np.float64],
+        target: Array,
         *,
         at_once: bool = False,
     ) -> PlaybackState:
@@ -289,8 +294,8 @@ class Player:
         self,
         state: PlaybackState,
         plan: MappingPlan,
-        values: NDArray[np.float64],
-        motion: NDArray[np.float64],
+        values: Array,
+        motion: Array,
     ) -> PlaybackState:
         """Return the state with mapped weights and the same motion, shape (2, D)."""
         mapping, target = plan.map(values), self._target
@@ -394,13 +399,11 @@ class Player:
                 break
         return best_state
 
-    def _past(self, state: PlaybackState) -> NDArray[np.float64]:
+    def _past(self, state: PlaybackState) -> Array:
         """Return the first samples (K, D) of the window that a state plays."""
         return self.skill.synthesize(state.weights)[: self.skill.overlap]
 
-    def _tracking(
-        self, state: PlaybackState, target: NDArray[np.float64]
-    ) -> PlaybackState:
+    def _tracking(self, state: PlaybackState, target: Array) -> PlaybackState:
         """Return the state that tracks weights; those of a phase model are played at once.
 
         A weighted mean of two weights that differ in phase would leave the cycle.
@@ -411,9 +414,9 @@ class Player:
     def _next_values(
         self,
         state: PlaybackState,
-        centre: NDArray[np.float64],
-        deviation: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        centre: Array,
+        deviation: Array,
+    ) -> tuple[Array, Array]:
         """Return the values of S targets at the next ticks, as two summands.
 
         Returns
@@ -434,15 +437,13 @@ class Player:
             return prospect.steady, contributions
         steady, rows = look_ahead_at_once(skill, state, self.motion(state)[:2])
 
-        def values_of(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        def values_of(weights: Array) -> Array:
             windows = weights.reshape(len(weights), skill.n_channels_, skill.n_steps)
             return np.swapaxes(windows @ rows.T, 1, 2) * skill.scales_
 
         return steady + values_of(centre), values_of(deviation)
 
-    def _next_mean(
-        self, state: PlaybackState, values: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _next_mean(self, state: PlaybackState, values: Array) -> Array:
         """Return the values (N, D) of the next window if its mean is tracked.
 
         Parameters
@@ -509,16 +510,16 @@ class Player:
             phase += np.clip(change, -0.2, 0.2)
         return float(np.mod(phase, 2 * np.pi))
 
-    def weights(self, state: PlaybackState) -> NDArray[np.float64]:
+    def weights(self, state: PlaybackState) -> Array:
         """Return the Fourier weights at a state, shape (D*T,)."""
         relaxation = self.relaxations[state.component]
         return relaxation.after(state.weights, state.target, state.time_since_tick)
 
-    def covariance(self, state: PlaybackState) -> NDArray[np.float64]:
+    def covariance(self, state: PlaybackState) -> Array:
         """Return the covariance of the movement about the desired value, shape (D, D)."""
         return self.skill.predicted_covariance(state.component, self._step(state))
 
-    def variation(self, state: PlaybackState) -> NDArray[np.float64]:
+    def variation(self, state: PlaybackState) -> Array:
         """Return the covariance of the demonstrations about the desired value, (D, D).
 
         It is (18), without the errors of predictions in `covariance`: a stiffness
@@ -532,9 +533,7 @@ class Player:
         step = state.step + state.time_since_tick * self.skill.rate
         return min(step, self.skill.n_steps - 1.0)
 
-    def plan(
-        self, state: PlaybackState, ticks: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def plan(self, state: PlaybackState, ticks: int) -> tuple[Array, Array]:
         """Return the uninterrupted continuation of a state.
 
         Parameters
@@ -570,9 +569,7 @@ class Player:
             ticks -= count
         return np.concatenate(values), np.concatenate(covariances)
 
-    def _later(
-        self, state: PlaybackState, values: NDArray[np.float64]
-    ) -> PlaybackState:
+    def _later(self, state: PlaybackState, values: Array) -> PlaybackState:
         """Return the state after some ticks of its window, with their values (N, D)."""
         relaxation = self.relaxations[state.component]
         seconds = len(values) * self.tick_seconds
@@ -586,7 +583,7 @@ class Player:
             time_since_tick=0.0,
         )
 
-    def _covariance_table(self, component: int) -> NDArray[np.float64]:
+    def _covariance_table(self, component: int) -> Array:
         """Return the covariances at the samples of a window, shape (T, D, D)."""
         if component not in self._covariances:
             self._covariances[component] = np.array(
@@ -640,7 +637,7 @@ def _ticks_between_remaps(skill: FourierMovementPrimitive, ticks: int | None) ->
 
 def _checked_target(
     skill: FourierMovementPrimitive, target: ArrayLike | None, *, sample: bool
-) -> NDArray[np.float64] | None:
+) -> Array | None:
     """Return the weights to track, shape (D*T,), or None where none are given."""
     if target is None:
         return None
@@ -649,9 +646,7 @@ def _checked_target(
     return finite_array(target, "the target", (skill.components_[0].dim,))
 
 
-def _start_variances(
-    skill: FourierMovementPrimitive, fraction: float
-) -> NDArray[np.float64]:
+def _start_variances(skill: FourierMovementPrimitive, fraction: float) -> Array:
     """Return lambda of (13) for a start, per channel, shape (D,).
 
     `fraction` is that of the movement's half width: root 2 of its standard deviation over

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import Array, check_number
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 
 
@@ -31,12 +30,12 @@ class Relaxation:
         exponential decay.
     """
 
-    modes: NDArray[np.float64] | None
-    rates: NDArray[np.float64]
+    modes: Array | None
+    rates: Array
     complement_rate: float = 0.0
     euler_tick: float = 0.0
 
-    def rates_by_channel(self, channels: int) -> NDArray[np.float64]:
+    def rates_by_channel(self, channels: int) -> Array:
         """Return the rates of decay in each of D channels, shape (D, m).
 
         They are those of all modes and of their orthogonal complement, or those of the
@@ -46,18 +45,14 @@ class Relaxation:
             return self.rates.reshape(channels, -1)
         return np.tile([*self.rates, self.complement_rate], (channels, 1))
 
-    def split(
-        self, deviation: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def split(self, deviation: Array) -> tuple[Array, Array]:
         """Split deviations (..., n) into coordinates (..., r) and residuals (..., n)."""
         if self.modes is None:
             return deviation, np.zeros_like(deviation)
         coordinates = deviation @ self.modes
         return coordinates, deviation - coordinates @ self.modes.T
 
-    def decay(
-        self, seconds: float | NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def decay(self, seconds: float | Array) -> tuple[Array, Array]:
         """Return the remaining fraction of the modes (..., r) and the complement (..., 1).
 
         Parameters
@@ -73,9 +68,7 @@ class Relaxation:
         per_tick = 1 - self.rates * self.euler_tick
         return per_tick**ticks * (1 - self.rates * time_since_tick), complement
 
-    def decay_rate(
-        self, seconds: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def decay_rate(self, seconds: float) -> tuple[Array, Array]:
         """Return the negative derivative of `decay`, per second.
 
         With Euler's method it is that of the first tick.
@@ -85,10 +78,10 @@ class Relaxation:
 
     def after(
         self,
-        weights: NDArray[np.float64],
-        target: NDArray[np.float64],
+        weights: Array,
+        target: Array,
         seconds: float,
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """Return the weights, shape (n,), some seconds later.
 
         Parameters
@@ -103,7 +96,7 @@ class Relaxation:
         if self.modes is None:
             return target + decay * deviation
         coordinates, residual = self.split(deviation)
-        out: NDArray[np.float64] = self.modes @ (decay * coordinates)
+        out: Array = self.modes @ (decay * coordinates)
         out += complement * residual
         out += target
         return out
@@ -297,9 +290,7 @@ class ExponentialTracker(_GainTracker):
         return Relaxation(modes=None, rates=self.beta * precision)
 
 
-def paper_precision_diagonal(
-    component: LowRankGaussian, *, n_steps: int
-) -> NDArray[np.float64]:
+def paper_precision_diagonal(component: LowRankGaussian, *, n_steps: int) -> Array:
     """Return diag(Sigma^-1) of the paper's weights for ours, shape (n,).
 
     The paper's 2T weights of a channel are sqrt(T) G w with G isometric, and its

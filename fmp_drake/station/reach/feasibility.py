@@ -11,8 +11,8 @@ from pydrake.common.yaml import yaml_dump_typed
 from pydrake.math import RigidTransform
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.blas import one_blas_thread
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import one_blas_thread
 from fmp_drake.primitives import FourierMovementPrimitive, Player
 from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.primitives.data.orientation import rotation_vectors, rotations_of

@@ -7,11 +7,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
-
-Array = NDArray[np.float64]
+from fmp_drake.numeric import Array
 
 # Sweeps of Jacobi's method; it converges quadratically, after five or six.
 _MAX_SWEEPS = 30

@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import Array
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
 from fmp_drake.systems.impedance.joints import FrictionConfig, JointWallConfig
@@ -110,7 +110,7 @@ class ImpedanceConfig:
         default_factory=lambda: FrictionConfig(gain=0.9)
     )
 
-    def stiffness(self) -> NDArray[np.float64]:
+    def stiffness(self) -> Array:
         """Check the settings and compute the stiffness.
 
         Returns
@@ -121,7 +121,7 @@ class ImpedanceConfig:
         check_settings(self, SystemsError)
         return np.diag([*self.rotational_stiffness, *self.translational_stiffness])
 
-    def desired_rotation(self) -> NDArray[np.float64]:
+    def desired_rotation(self) -> Array:
         """Check the settings and compute the desired orientation.
 
         Returns

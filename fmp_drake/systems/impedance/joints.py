@@ -5,14 +5,12 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import Array
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.systems.impedance.algebra import applied, cholesky, solve_lower
-
-Array = NDArray[np.float64]
 
 # Fraction of the efforts that is used, because the weight changes until the next
 # update, and the remaining fraction where the weight alone needs all.

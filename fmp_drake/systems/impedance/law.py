@@ -25,9 +25,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array
 from fmp_drake.systems.impedance.algebra import (
     TaskTarget,
     applied,
@@ -41,8 +41,6 @@ from fmp_drake.systems.impedance.algebra import (
     stacked,
 )
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-
-Array = NDArray[np.float64]
 
 # Time constant with which a stopped tool's motion along the normal comes to rest, s.
 _DAMPING_TIME = 0.01

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled, inlined
+from fmp_drake.numeric import Array
 from fmp_drake.systems.impedance.algebra import (
     Pose,
     TaskTarget,
@@ -35,8 +36,6 @@ from fmp_drake.systems.impedance.supervision import (
     LastTarget,
     WatchdogState,
 )
-
-Array = NDArray[np.float64]
 
 # Plain integers, because compiled functions take no enumerations.
 _CONTACT_LOST = int(StatusFlag.CONTACT_LOST)
@@ -478,7 +477,7 @@ def status_of_update(
     limited: LimitedTorque,
     force: ForceCorrection,
     energy: float,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the vector of `ImpedanceStatus`.
 
     Parameters

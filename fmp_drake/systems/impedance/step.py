@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled, inlined
+from fmp_drake.numeric import Array
 from fmp_drake.systems.impedance.algebra import (
     Pose,
     TaskTarget,
@@ -75,8 +76,6 @@ from fmp_drake.systems.impedance.supervision import (
     target_faults,
     target_fraction,
 )
-
-Array = NDArray[np.float64]
 
 STEP_TYPES = (
     "(u1[::1], f8[:,::1], f8[::1], f8, f8[::1], f8[::1], b1, f8[::1], f8[:,::1], f8[::1], "

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array
 from fmp_drake.settings import bounded
 from fmp_drake.systems.impedance.algebra import (
     applied,
@@ -14,8 +14,6 @@ from fmp_drake.systems.impedance.algebra import (
     dot,
     solve_lower,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True)

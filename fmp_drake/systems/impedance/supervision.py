@@ -5,15 +5,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array
 from fmp_drake.settings import bounded
 from fmp_drake.systems.impedance.algebra import Pose, TaskTarget, norm, rotation_angle
 from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.stiffness import filter_fraction
-
-Array = NDArray[np.float64]
 
 # Modes of the watchdog. LOST is a stop at an unknown pose, after an unknown state.
 TRACKING, STOPPED, RECOVERING, LOST = range(4)

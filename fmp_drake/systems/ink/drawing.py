@@ -5,15 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, UnidentifiedImageError
 from pydrake.math import RigidTransform
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import Array, Mask, check_number
 from fmp_drake.systems.ink.grid import InkGrid
-
-type FloatArray = NDArray[np.float64]
 
 QUARTER_TURNS = 1
 """Rotation of writing for a viewer opposite the robot at a table-top board: it runs
@@ -58,7 +56,7 @@ def draw_words(
     *,
     height: float | None = None,
     quarter_turns: int = QUARTER_TURNS,
-) -> FloatArray:
+) -> Array:
     """Return the ink of words on a board.
 
     Parameters
@@ -88,7 +86,7 @@ def draw_words(
         raise SystemsError("draw_words got no words: give text that can be seen.")
     if height is not None:
         check_number(height, "height", above=0, unit="m", error=SystemsError)
-    outlines: list[FloatArray] = []
+    outlines: list[Array] = []
     for i, line in enumerate(text.strip("\n").split("\n")):
         polygons = _outlines(line)
         if polygons:
@@ -123,7 +121,7 @@ def draw_picture(
     *,
     size: float | None = None,
     quarter_turns: int = QUARTER_TURNS,
-) -> FloatArray:
+) -> Array:
     """Return the ink of a picture on a board: dark is ink, white and transparent is none.
 
     Parameters
@@ -171,7 +169,7 @@ def draw_picture(
     return ink
 
 
-def _outlines(line: str) -> list[FloatArray]:
+def _outlines(line: str) -> list[Array]:
     """Return the outlines of a line of text, in heights of a capital letter."""
     # Slow to import, for words only.
     from matplotlib.font_manager import FontProperties, findfont, get_font
@@ -213,7 +211,7 @@ def _read(path: Path) -> Image.Image:
     return Image.fromarray((1.0 - grey) * values[..., 3])
 
 
-def _available_size(grid: InkGrid, quarter_turns: int) -> FloatArray:
+def _available_size(grid: InkGrid, quarter_turns: int) -> Array:
     """Return the greatest width and height of a drawing, m."""
     size = grid.size[::-1] if quarter_turns % 2 else grid.size
     return np.array(size) * (1.0 - 2.0 * MARGIN)
@@ -224,16 +222,16 @@ def _canvas_shape(grid: InkGrid, quarter_turns: int) -> tuple[int, int]:
     return ny * _FINE, nx * _FINE
 
 
-def _filled(pixel: FloatArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
+def _filled(pixel: Array, shape: tuple[int, int]) -> Mask:
     image = Image.new("1", shape[::-1])
     if len(pixel) > 2:
         ImageDraw.Draw(image).polygon([tuple(p) for p in pixel], fill=1)
     return np.array(image, dtype=bool)
 
 
-def _on_board(canvas: FloatArray, grid: InkGrid, quarter_turns: int) -> FloatArray:
+def _on_board(canvas: Array, grid: InkGrid, quarter_turns: int) -> Array:
     """Average a canvas (first row at the top) over the cells of a board."""
     rotated = np.rot90(canvas, quarter_turns)[::-1]
     ny, nx = grid.shape
-    cells: FloatArray = rotated.reshape(ny, _FINE, nx, _FINE).mean(axis=(1, 3))
+    cells: Array = rotated.reshape(ny, _FINE, nx, _FINE).mean(axis=(1, 3))
     return np.clip(cells, 0.0, 1.0)

@@ -16,13 +16,10 @@ from scipy import ndimage
 
 from fmp_drake.compiled import compiled
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import as_floats, check_number, read_only
+from fmp_drake.numeric import Array, Mask, as_floats, check_number, read_only
 from fmp_drake.primitives import PlaybackState, Player
 from fmp_drake.primitives.model.region import densified
 from fmp_drake.systems.surface.surface import PLANE, Surface
-
-type FloatArray = NDArray[np.float64]
-type BoolArray = NDArray[np.bool_]
 
 WEAR_CONSTANT = 20.0
 """Wear constant c of the ink in Pa m; see `fmp_drake.systems.ink.rubbing.wear`.
@@ -100,31 +97,31 @@ class InkGrid:
         return self.shape[0] * self.shape[1]
 
     @cached_property
-    def pitch(self) -> FloatArray:
+    def pitch(self) -> Array:
         """Actual edge lengths of a cell along B's x and y, shape (2,), in metres."""
         return read_only(np.array(self.size) / self.shape[::-1])
 
     @cached_property
-    def corner(self) -> FloatArray:
+    def corner(self) -> Array:
         """Corner (-x, -y) of the rectangle in B, shape (2,), in metres."""
         return read_only(-0.5 * np.array(self.size))
 
     @cached_property
-    def x(self) -> FloatArray:
+    def x(self) -> Array:
         """Cell centres along x of B, shape (nx,), in metres; read-only."""
         return self._centres_along(0)
 
     @cached_property
-    def y(self) -> FloatArray:
+    def y(self) -> Array:
         """Cell centres along y of B, shape (ny,), in metres; read-only."""
         return self._centres_along(1)
 
-    def _centres_along(self, axis: int) -> FloatArray:
+    def _centres_along(self, axis: int) -> Array:
         index = np.arange(self.shape[1 - axis])
         return read_only(self.corner[axis] + (index + 0.5) * self.pitch[axis])
 
     @cached_property
-    def centres(self) -> FloatArray:
+    def centres(self) -> Array:
         """Cell centres in B, shape (ny nx, 2), in metres; read-only."""
         x, y = np.meshgrid(self.x, self.y)
         return read_only(np.column_stack([x.ravel(), y.ravel()]))
@@ -133,7 +130,7 @@ class InkGrid:
         """Return whether the grid encloses a pipe along x (0) or y (1)."""
         return self.size[axis] > self.curvature.circumference[axis] - self.cell
 
-    def on_all_turns(self, p_BE: FloatArray) -> FloatArray:
+    def on_all_turns(self, p_BE: Array) -> Array:
         """Return paths (..., T, 3) with copies one revolution around a pipe before and after.
 
         Where the grid encloses a pipe, they have 3 T points, m; else they are unchanged.
@@ -156,13 +153,13 @@ class InkGrid:
             )
         return values.reshape(self.shape)
 
-    def full(self) -> FloatArray:
+    def full(self) -> Array:
         """Return the ink of a full board, ones of shape (ny, nx)."""
         return np.ones(self.shape)
 
     def swept_by(
         self, paths: Iterable[ArrayLike], footprint: tuple[float, float]
-    ) -> BoolArray:
+    ) -> Mask:
         """Return the cells that any of several paths passes over; see `swept_area`."""
         area = np.zeros(self.shape, dtype=bool)
         for p_BE in paths:
@@ -175,7 +172,7 @@ class InkGrid:
         footprint: tuple[float, float],
         *,
         height: float = 1e-3,
-    ) -> BoolArray:
+    ) -> Mask:
         """Return the cells that an eraser passes over while it is on the board.
 
         The path is interpolated linearly in steps of half a cell or less; a step
@@ -305,7 +302,7 @@ def cleaned_history(
     erase_time: ArrayLike,
     mask: ArrayLike,
     times: ArrayLike,
-) -> FloatArray:
+) -> Array:
     """Return the fraction of an area that was clean at given times.
 
     Parameters
@@ -330,7 +327,7 @@ def cleaned_history(
     if not moments.size:
         return np.ones(np.shape(times))
     clean = np.searchsorted(moments, np.asarray(times, dtype=float), side="right")
-    fraction: FloatArray = clean / moments.size
+    fraction: Array = clean / moments.size
     return fraction
 
 
@@ -405,7 +402,7 @@ class CoverageChoice:
     candidates: int
     margin: float = 0.01
     height: float = 0.01
-    area: NDArray[np.bool_] | None = None
+    area: Mask | None = None
     position: tuple[int, int, int] = (0, 1, 2)
 
     def __post_init__(self) -> None:
@@ -413,9 +410,7 @@ class CoverageChoice:
         what = "the number of candidates"
         check_number(self.candidates, what, least=1, whole=True, error=SystemsError)
 
-    def wiped(
-        self, ink: NDArray[np.float64], paths: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def wiped(self, ink: Array, paths: Array) -> Array:
         """Return the ink that each path would remove, in cells.
 
         Parameters
@@ -437,7 +432,7 @@ class CoverageChoice:
         return _passed_over(ink, cells, p_BE[..., 2] <= self.height, reach)
 
     def tracked(
-        self, player: Player, state: PlaybackState, ink: NDArray[np.float64]
+        self, player: Player, state: PlaybackState, ink: Array
     ) -> PlaybackState:
         """Return the state that tracks the best sample; see `Player.track_sample`.
 
@@ -454,11 +449,11 @@ class CoverageChoice:
 
 @compiled
 def _passed_over(
-    ink: NDArray[np.float64],
+    ink: Array,
     cells: NDArray[np.intp],
-    down: NDArray[np.bool_],
+    down: Mask,
     reach: NDArray[np.intp],
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the ink under each path, every cell counted once.
 
     Parameters

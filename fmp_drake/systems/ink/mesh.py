@@ -8,11 +8,11 @@ from pydrake.geometry import Meshcat
 from scipy.ndimage import minimum_filter
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.page.paths import show_during
 from fmp_drake.systems.surface import surface
 
-type FloatArray = NDArray[np.float64]
 type ShadeArray = NDArray[np.uint8]
 
 INK_COLOUR = (0.20, 0.38, 0.76)
@@ -45,7 +45,7 @@ _LONGEST = 0.01
 _OVERLAP = 0.02
 
 
-def ink_colours(ink: ArrayLike, *, srgb: bool = False) -> FloatArray:
+def ink_colours(ink: ArrayLike, *, srgb: bool = False) -> Array:
     """Return the colours of fractions of ink, a mixture of ink and board.
 
     The mixture is linear in light intensity, like Meshcat's between vertices. To paint
@@ -65,11 +65,11 @@ def ink_colours(ink: ArrayLike, *, srgb: bool = False) -> FloatArray:
     """
     fraction = np.clip(np.asarray(ink, dtype=float), 0.0, 1.0)[..., np.newaxis]
     board = np.array(BOARD_COLOUR)
-    linear: FloatArray = board + fraction * (np.array(INK_COLOUR) - board)
+    linear: Array = board + fraction * (np.array(INK_COLOUR) - board)
     if not srgb:
         return linear
     # IEC 61966-2-1.
-    encoded: FloatArray = np.where(
+    encoded: Array = np.where(
         linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055
     )
     return encoded
@@ -109,7 +109,7 @@ def ink_mesh(
     origin: tuple[int, int] = (0, 0),
     cells: ArrayLike | None = None,
     lift: float = LIFT,
-) -> tuple[FloatArray, NDArray[np.int32], FloatArray]:
+) -> tuple[Array, NDArray[np.int32], Array]:
     """Build a triangle mesh of inked cells in B, shaded between their corners.
 
     Neighbours in a row share one rectangle of two triangles where the shade does
@@ -158,13 +158,13 @@ def ink_mesh(
 @compiled
 def _rectangles(
     shades: ShadeArray,
-    cells: NDArray[np.bool_],
-    x: FloatArray,
-    y: FloatArray,
+    cells: Mask,
+    x: Array,
+    y: Array,
     overlap: float,
     lift: float,
     longest: int,
-) -> tuple[FloatArray, NDArray[np.int32], ShadeArray]:
+) -> tuple[Array, NDArray[np.int32], ShadeArray]:
     """Return vertices, faces and shades of rectangles of `longest` cells; x and y are edges."""
     m, n = cells.shape
     rectangles = np.empty((m * n, 3), dtype=np.int64)
@@ -200,7 +200,7 @@ def _rectangles(
 def draw_ink(
     meshcat: Meshcat,
     path: str,
-    mesh: tuple[FloatArray, NDArray[np.int32], FloatArray],
+    mesh: tuple[Array, NDArray[np.int32], Array],
 ) -> bool:
     """Draw a mesh at a path, or delete the one there if the new mesh is empty.
 
@@ -295,7 +295,7 @@ def AddInkToRecording(
     return used
 
 
-def _fade_times(times: FloatArray, ink: NDArray[np.uint8]) -> FloatArray:
+def _fade_times(times: Array, ink: NDArray[np.uint8]) -> Array:
     """Return the time at which half of a cell's loss is over, s; `inf` without a loss."""
     first, last = ink[0].astype(int), ink[-1].astype(int)
     faded = np.argmax(ink <= ((first + last) // 2).astype(np.uint8), axis=0)

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import ContactSurface
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array, Indices
 from fmp_drake.systems.ink.grid import WEAR_CONSTANT, InkGrid
 from fmp_drake.systems.surface.surface import (
     PLANE,
@@ -23,9 +23,6 @@ from fmp_drake.systems.surface.surface import (
     project_all,
     rotation,
 )
-
-type FloatArray = NDArray[np.float64]
-type IntArray = NDArray[np.int64]
 
 LONGEST_STEP = 0.00125
 """Greatest length of a step of the patch along its path, m."""
@@ -82,8 +79,8 @@ class Patch(NamedTuple):
         Penetration of the eraser at the same instant, m.
     """
 
-    vertices: FloatArray
-    starts: IntArray
+    vertices: Array
+    starts: Indices
     depth: float
 
 
@@ -107,7 +104,7 @@ class Cells(NamedTuple):
 @compiled
 def exposure(
     cells: Cells, patch: Patch, before: PlanarMotion, now: PlanarMotion, worn: float
-) -> FloatArray:
+) -> Array:
     """Return the integral of pressure times sliding speed of each cell over an interval.
 
     The patch follows the cubic through position and velocity at both instants, in steps
@@ -198,7 +195,7 @@ def _cubic(
 
 @compiled
 def _plane(
-    u: FloatArray, v: FloatArray, p: FloatArray, begin: int, end: int
+    u: Array, v: Array, p: Array, begin: int, end: int
 ) -> tuple[float, float, float]:
     """Return a polygon's pressure as level and slopes, by the divergence theorem."""
     area = slope_u = slope_v = 0.0
@@ -217,7 +214,7 @@ def _plane(
 
 @compiled
 def _crossings(
-    u: FloatArray, v: FloatArray, begin: int, end: int, row: int
+    u: Array, v: Array, begin: int, end: int, row: int
 ) -> tuple[float, float]:
     """Return the least and greatest u of a convex polygon in a row of cells."""
     left, right = np.inf, -np.inf
@@ -232,8 +229,8 @@ def _crossings(
 
 @compiled
 def wear(
-    ink: FloatArray,
-    exposure: FloatArray,
+    ink: Array,
+    exposure: Array,
     constant: float,
 ) -> None:
     """Reduce the ink in place, by the exact solution of d(ink)/dt = -ink p v / c.
@@ -264,7 +261,7 @@ def read_patch(
     X_WB: RigidTransform,
     motion: PlanarMotion,
     curvature: Surface = PLANE,
-) -> tuple[Patch, FloatArray]:
+) -> tuple[Patch, Array]:
     """Return the contact surfaces of triangles or polygons, projected on the board.
 
     Parameters
@@ -284,7 +281,7 @@ def read_patch(
     outline : ndarray, shape (6,)
         The rectangle that encloses it, see `rectangle`.
     """
-    vertices: list[FloatArray] = []
+    vertices: list[Array] = []
     pressure: list[float] = []
     counts: list[int] = []
     areas: list[float] = []
@@ -324,7 +321,7 @@ def read_patch(
     return Patch(values, starts, motion.depth), outline
 
 
-def rectangle(outline: FloatArray) -> Patch:
+def rectangle(outline: Array) -> Patch:
     """Return a rectangular patch of even pressure.
 
     Parameters
@@ -363,7 +360,7 @@ def planar_motion(
     X_WE: RigidTransform,
     V_WE: SpatialVelocity,
     curvature: Surface = PLANE,
-    near: FloatArray | None = None,
+    near: Array | None = None,
 ) -> PlanarMotion:
     """Return the motion of the eraser over the board from poses and spatial velocities.
 
@@ -383,7 +380,7 @@ def planar_motion(
         return PlanarMotion(time, x, y, yaw, v_x, v_y, w_BE[2], -z, -v_z)
     near = np.zeros(2) if near is None else near
 
-    def coordinates(seconds: float) -> FloatArray:
+    def coordinates(seconds: float) -> Array:
         uvh = project(curvature, p_BE + seconds * v_BE, near)
         axis = long_axis + seconds * np.cross(w_BE, long_axis)
         cos, sin, _ = rotation(curvature, uvh[0], uvh[1]).T @ axis

@@ -1,16 +1,15 @@
 """Kinematics and dynamics of an arm, as a plant computes them."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import CacheIndex, Context, LeafSystem, ValueProducer
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import Array
 from fmp_drake.systems.impedance.joints import JointLimits
 
-Array = NDArray[np.float64]
 ArmReading = tuple[bool, Array, Array, Array, Array, Array, Array, Array]
 
 
@@ -151,9 +150,7 @@ def _check_plant(plant: MultibodyPlant) -> None:
         )
 
 
-def checked_posture(
-    plant: MultibodyPlant, q_posture: NDArray[np.float64] | None
-) -> Array:
+def checked_posture(plant: MultibodyPlant, q_posture: Array | None) -> Array:
     """Return a copy of the posture in rad, or the middle of the joints' ranges."""
     if q_posture is None:
         return joint_limits(plant).middle

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Cylinder, Meshcat, MeshcatCone, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
@@ -12,6 +11,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, LeafSystem
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import Array
 from fmp_drake.systems.interface.callbacks import collision_ids, contact_surfaces
 
 FORCE_COLOR = Rgba(0.85, 0.10, 0.10, 1.0)
@@ -96,9 +96,7 @@ class ForceArrow(LeafSystem):
             meshcat.SetProperty(f"{path}/{part}/<object>", "renderOrder", 10.0)
         self._draw(context)
 
-    def _force(
-        self, context: Context
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _force(self, context: Context) -> tuple[Array, Array]:
         """Return the point of application (W, m) and the force (W, N)."""
         results: Any = self._results.Eval(context)
         force, point, weight = np.zeros(3), np.zeros(3), 0.0

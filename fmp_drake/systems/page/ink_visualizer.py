@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import (
     Context,
@@ -12,6 +11,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from fmp_drake.numeric import Mask
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.mesh import ShadeArray, corner_shades, draw_ink, ink_mesh
 from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
@@ -119,7 +119,7 @@ class InkVisualizer(LeafSystem):
         draw_ink(self._meshcat, f"{self._path}/live/tile_{row}_{column}", mesh)
 
 
-def _tiles(changed: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+def _tiles(changed: Mask) -> Iterator[tuple[int, int]]:
     """Yield the first cell of each tile that has a changed corner."""
     rows, columns = (range(0, n - 1, TILE) for n in changed.shape)
     # A corner between two tiles belongs to both.

@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat, MeshcatAnimation, Rgba
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array
 from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import PLANE, Surface
 
-type FloatArray = NDArray[np.float64]
-type Mesh = tuple[FloatArray, NDArray[np.int32]]
+type Mesh = tuple[Array, NDArray[np.int32]]
 
 DEMONSTRATION_COLOR = Rgba(0.36, 0.38, 0.42, 1.0)
 """Colour of demonstrated paths."""
@@ -61,7 +61,7 @@ def rod_mesh(points: ArrayLike, radius: ArrayLike) -> Mesh:
 
 
 @compiled
-def _rod(path: FloatArray, radii: FloatArray) -> Mesh:
+def _rod(path: Array, radii: Array) -> Mesh:
     n, sides = len(path), _ROD_SIDES
     vertices = np.empty((3, n * sides))
     faces = np.empty((3, 2 * (n - 1) * sides), dtype=np.int32)
@@ -144,7 +144,7 @@ def css_color(color: Rgba) -> str:
     return f"rgb({red} {green} {blue} / {color.a():g})"
 
 
-def lifted(points: ArrayLike, lift: float = LIFT) -> NDArray[np.float64]:
+def lifted(points: ArrayLike, lift: float = LIFT) -> Array:
     """Return points (N, 3) in B above the board, raised by `lift` (m) along z.
 
     Points below the surface of the board, which would hide them, are drawn on it.
@@ -154,7 +154,7 @@ def lifted(points: ArrayLike, lift: float = LIFT) -> NDArray[np.float64]:
     return raised
 
 
-def on_surface(vertices: FloatArray, surface: Surface) -> FloatArray:
+def on_surface(vertices: Array, surface: Surface) -> Array:
     """Return the positions in B of vertices (3, N) in (u, v, h) over a surface, m."""
     return surfaces.place(surface, np.ascontiguousarray(vertices.T)).T
 
@@ -162,7 +162,7 @@ def on_surface(vertices: FloatArray, surface: Surface) -> FloatArray:
 def draw_line(
     meshcat: Meshcat,
     path: str,
-    points: NDArray[np.float64],
+    points: Array,
     *,
     color: Rgba,
     surface: Surface = PLANE,
@@ -179,9 +179,9 @@ def draw_line(
 def draw_rod(
     meshcat: Meshcat,
     path: str,
-    points: NDArray[np.float64],
+    points: Array,
     *,
-    radius: float | NDArray[np.float64],
+    radius: float | Array,
     color: Rgba,
     lift: float = LIFT,
     surface: Surface = PLANE,
@@ -196,7 +196,7 @@ def draw_rod(
 def draw_demonstrations(
     meshcat: Meshcat,
     path: str,
-    demonstrations: Iterable[NDArray[np.float64]],
+    demonstrations: Iterable[Array],
     *,
     surface: Surface = PLANE,
 ) -> None:

@@ -5,12 +5,12 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import as_floats, check_number
+from fmp_drake.numeric import Array, as_floats, check_number
 from fmp_drake.primitives.data.channels import Quaternion
 from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.systems.page.paths import (
@@ -126,7 +126,7 @@ class PlanVisualizer(LeafSystem):
         self.DeclarePeriodicPublishEvent(_PERIOD, 0.0, self._draw)
         self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._remember)
 
-    def _plan_values(self, context: Context) -> NDArray[np.float64]:
+    def _plan_values(self, context: Context) -> Array:
         plan: Any = self._plan.Eval(context)
         return np.asarray(plan).reshape(-1, self._channels)
 
@@ -178,7 +178,7 @@ class PlanVisualizer(LeafSystem):
                 TUBE_COLOR,
             )
 
-    def _draw_axes(self, values: NDArray[np.float64]) -> None:
+    def _draw_axes(self, values: Array) -> None:
         """Draw the orientation of the tool at some points of the plan (n, D)."""
         if self._reference is None or not self._rotation:
             return

@@ -7,11 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from drake import lcmt_panda_status
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.systems.impedance.joints import JointLimits
-
-Array = NDArray[np.float64]
 
 JOINTS = 7
 # Bound of every measurement of an arm, in rad, rad/s and Nm.
@@ -215,7 +214,7 @@ class StatusTrack(NamedTuple):
         return np.concatenate([self[:3], *self[3:]])
 
     @property
-    def is_constant(self) -> NDArray[np.bool_]:
+    def is_constant(self) -> Mask:
         """Whether positions, velocities and robot time have stood still, shape (3,)."""
         duration = self.time - self.since
         is_long = duration >= _CONSTANT_TIME - 1e-6

@@ -23,11 +23,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
-
-Array = NDArray[np.float64]
+from fmp_drake.numeric import Array
 
 
 @compiled

@@ -8,9 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array, Indices
 from fmp_drake.systems.surface.surface import (
     Surface,
     angular_motion,
@@ -22,8 +22,6 @@ from fmp_drake.systems.surface.surface import (
     quaternion_product,
     rotation,
 )
-
-Array = NDArray[np.float64]
 
 DESIRED = {
     "desired_position": 3,
@@ -54,8 +52,8 @@ class ToolChannels(NamedTuple):
         Quaternion (w, x, y, z) of the reference orientation.
     """
 
-    position: NDArray[np.int64]
-    rotation: NDArray[np.int64]
+    position: Indices
+    rotation: Indices
     force: int
     reference: Array
 

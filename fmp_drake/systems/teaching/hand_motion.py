@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number, read_only
+from fmp_drake.numeric import Array, check_number, read_only
 from fmp_drake.systems.surface.surface import Surface
 
 Task = Literal["wiping", "polishing", "eight", "stirring", "pulsing"]
@@ -121,10 +120,10 @@ class HandMotion:
     True
     """
 
-    position: NDArray[np.float64]
+    position: Array
     channels: tuple[str, ...] = ("x", "y")
 
-    def at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def at(self, time: float) -> tuple[Array, Array]:
         """Return the channels (D,) and their rates (D,) at a time in seconds."""
         x = min(max(time * _RATE, 0.0), len(self.position) - 1.001)
         i = int(x)
@@ -183,7 +182,7 @@ class HandMotion:
         slow = butter(2, 1 / human.slowness, fs=_RATE, output="sos")
         shake = butter(2, (8.0, 12.0), "bandpass", fs=_RATE, output="sos")
 
-        def wander(sos: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+        def wander(sos: Array, scale: float) -> Array:
             settle = int(_SETTLE * _RATE)
             noise = sosfilt(sos, rng.standard_normal(count + settle))[settle:]
             # The filter's gain for white noise, from its impulse response.

@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fmp_drake.numeric import Array
 from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import Surface
-
-Array = NDArray[np.float64]
 
 # Smallest cosine between a ray and the normal of the plane that it intersects.
 _MIN_COSINE = 0.08

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillFileError
+from fmp_drake.numeric import Array, Indices
 from fmp_drake.primitives.data.reading.table import ReadingOptions, Table, readable
 
 # Message types that hold the position of a robot, the best first.
@@ -122,7 +122,7 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
 
 def _largest_kind(
     kinds: dict[tuple[str, ...], list[tuple[float, ...]]],
-) -> tuple[tuple[str, ...], NDArray[np.int64], NDArray[np.float64]]:
+) -> tuple[tuple[str, ...], Indices, Array]:
     """Return names, message indices and numbers of the kind with the most numbers."""
     names = max(kinds, key=lambda kind: len(kinds[kind]) * len(kind))
     rows = np.concatenate(

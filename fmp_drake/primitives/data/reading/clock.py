@@ -1,9 +1,9 @@
 """Times of the samples of a recording, in seconds and in order."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError
+from fmp_drake.numeric import Array, Indices
 from fmp_drake.primitives.data.reading.table import TIMES, ReadingOptions, count_text
 
 # Least time since 1970 in each unit.
@@ -17,12 +17,12 @@ _LARGEST_STEP_BACK = 3.0
 
 
 def ordered_times(
-    stamp: tuple[NDArray[np.float64], str] | None,
-    rows: NDArray[np.int64],
-    values: NDArray[np.float64],
+    stamp: tuple[Array, str] | None,
+    rows: Indices,
+    values: Array,
     options: ReadingOptions,
     remarks: list[str],
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+) -> tuple[Array, Indices]:
     """Return increasing times, s, and the indices of their rows."""
     count = len(rows)
     if stamp is None:
@@ -68,9 +68,7 @@ def _rate(interval: float) -> str:
     return f"{1 / interval:.6g}" if interval > 0 else "100"
 
 
-def _seconds(
-    time: NDArray[np.float64], stated_unit: str
-) -> tuple[NDArray[np.float64], str]:
+def _seconds(time: Array, stated_unit: str) -> tuple[Array, str]:
     """Return times in seconds and their unit in the file; times since 1970 start at 0.
 
     Parameters

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives.data.channels import (
     FORCE_COMPONENTS,
     POSITION_CHANNELS,
@@ -92,7 +92,7 @@ class _Column(NamedTuple):
     key: str
     suffix: str
     header_unit: str
-    values: NDArray[np.float64]
+    values: Array
 
     @property
     def unit(self) -> str:
@@ -197,8 +197,8 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
 
 
 def _complete_rows(
-    values: NDArray[np.float64], channels: Mapping[str, _Column], remarks: list[str]
-) -> NDArray[np.bool_]:
+    values: Array, channels: Mapping[str, _Column], remarks: list[str]
+) -> Mask:
     """Return a mask of the samples with values of all channels; most must have them."""
     is_empty = np.isnan(values)
     complete = ~np.any(is_empty, axis=1)
@@ -222,7 +222,7 @@ def _complete_rows(
 
 
 def _to_standard_units(
-    values: NDArray[np.float64],
+    values: Array,
     channels: Mapping[str, _Column],
     options: ReadingOptions,
     remarks: list[str],
@@ -286,7 +286,7 @@ def _labels(columns: Sequence[_Column]) -> tuple[str, ...]:
 
 def _time(
     columns: Sequence[_Column], options: ReadingOptions, remarks: list[str]
-) -> tuple[tuple[NDArray[np.float64], str] | None, set[int]]:
+) -> tuple[tuple[Array, str] | None, set[int]]:
     """Return the times with their unit, and the indices of all columns of times."""
     candidates = [
         column
@@ -436,7 +436,7 @@ def _unit(column: _Column, channel: str, options: ReadingOptions) -> str:
     return next(forms, "1")
 
 
-def _check_quaternions(quaternions: NDArray[np.float64]) -> None:
+def _check_quaternions(quaternions: Array) -> None:
     """Refuse quaternions (N, 4) that are not of unit length, to a tenth."""
     lengths = np.linalg.norm(quaternions, axis=1)
     worst = float(np.max(np.abs(lengths - 1), initial=0.0))

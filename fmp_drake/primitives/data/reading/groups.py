@@ -5,12 +5,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fmp_drake.numeric import Array
 from fmp_drake.primitives.data.reading.table import ReadingOptions, Table, standard_unit
-
-Array = NDArray[np.float64]
 
 _NUMBERED = re.compile(r"(.*?)_?(\d+)")
 # Last words of the names before the numbers.

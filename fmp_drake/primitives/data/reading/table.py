@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import FmpError, SkillFileError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import Array, check_number
 
 # Greatest size of a recording, bytes of numbers or of text.
 MOST_BYTES = 2**28
@@ -68,7 +67,7 @@ class Table:
     """
 
     names: tuple[str, ...] = ()
-    values: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
+    values: Array = field(default_factory=lambda: np.empty((0, 0)))
     units: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     frame: str = ""

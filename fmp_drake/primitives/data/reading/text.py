@@ -10,9 +10,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillFileError
+from fmp_drake.numeric import Array
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
     ReadingOptions,
@@ -409,7 +409,7 @@ def _vicon_name(subject: str, axis: str) -> str:
 
 def _numbers(
     path: Path, rows: Sequence[Sequence[str]], columns: Sequence[int], first: int
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the numbers in some columns, NaN in empty cells, shape (N, len(columns))."""
     out = []
     for line, row in enumerate(rows, first):

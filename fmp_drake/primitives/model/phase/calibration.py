@@ -6,14 +6,12 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fmp_drake.numeric import Array, Indices, Mask
 from fmp_drake.primitives.model.phase.components import PhaseGrid, grid_gaussians
 from fmp_drake.primitives.model.phase.random_processes import Residual
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 from fmp_drake.primitives.model.prediction import Conditioning, Replay, Replayed
-
-Array = NDArray[np.float64]
 
 # Horizons of the predictions that are evaluated, samples, and the greatest one of the blend.
 _HORIZONS = np.array([1, 2, 3, 5, 7, 10, 14, 20, 28, 40])
@@ -177,7 +175,7 @@ class _Errors(NamedTuple):
     model: Array
     replay: Array
     covariances: Array
-    part: NDArray[np.int64]
+    part: Indices
 
     @property
     def parts(self) -> int:
@@ -320,7 +318,7 @@ def _squares(errors: Array) -> Array:
     return out
 
 
-def _part_means(values: Array, part: NDArray[np.int64]) -> tuple[Array, Array]:
+def _part_means(values: Array, part: Indices) -> tuple[Array, Array]:
     """Return the mean over parts, (A, ...), of each part's mean of values (N, A, ...).
 
     Also return the number of parts (A,) with values that are not NaN.
@@ -367,7 +365,7 @@ def _less_dependent(covariances: Array, parts: float) -> Array:
 def _calibration(
     errors: _Errors | None,
     changes: Array,
-    horizons: NDArray[np.int64],
+    horizons: Indices,
     weight: float,
     cycles: float,
 ) -> Calibration:
@@ -459,7 +457,7 @@ def variance_factor(cycles: float) -> float:
     return float((1 + _SHORTFALL / cycles**1.5) ** 2)
 
 
-def _changes(recordings: Sequence[Array], horizons: NDArray[np.int64]) -> Array:
+def _changes(recordings: Sequence[Array], horizons: Indices) -> Array:
     """Return second moments (A, D, D) of the change within each horizon."""
     out: list[Array] = []
     for h in horizons.tolist():
@@ -473,7 +471,7 @@ def _changes(recordings: Sequence[Array], horizons: NDArray[np.int64]) -> Array:
 
 
 def _cross_validation(
-    track: PhaseTrack, grid: PhaseGrid, horizons: NDArray[np.int64], reference_step: int
+    track: PhaseTrack, grid: PhaseGrid, horizons: Indices, reference_step: int
 ) -> _Errors | None:
     """Predict the parts of recordings that are left out; None where nothing can be."""
     k = reference_step
@@ -525,9 +523,7 @@ def _cross_validation(
     return _Errors(truth, model, replays, covariances, np.array(part))
 
 
-def _windows(
-    values: Array, steps: NDArray[np.int64], places: int
-) -> tuple[Array, NDArray[np.int64]]:
+def _windows(values: Array, steps: Indices, places: int) -> tuple[Array, Indices]:
     """Return samples (N, n, D) at steps after some starts (N,), and the starts.
 
     Samples after the end are NaN; those up to the first gap of the steps are there, and the
@@ -546,13 +542,13 @@ def _windows(
 def _known(
     rest: PhaseTrack,
     phases: list[Array],
-    windows: list[tuple[Array, NDArray[np.int64]]],
-    steps: NDArray[np.int64],
-) -> NDArray[np.bool_]:
+    windows: list[tuple[Array, Indices]],
+    steps: Indices,
+) -> Mask:
     """Return a mask of the windows that pass only phases that the rest contains."""
     count = 48
 
-    def bins(phase: Array) -> NDArray[np.int64]:
+    def bins(phase: Array) -> Indices:
         turns = np.mod(phase, 2 * np.pi) / (2 * np.pi)
         return np.floor(turns * count).astype(int) % count
 

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh_tridiagonal
 from scipy.linalg.lapack import dormqr, dsytrd, dsytrd_lwork
 
+from fmp_drake.numeric import Array, Indices
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.phase.random_processes import (
@@ -16,8 +16,6 @@ from fmp_drake.primitives.model.phase.random_processes import (
     phase_covariance,
 )
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack
-
-Array = NDArray[np.float64]
 
 # Width of the kernel that shares windows between components, rad; weights of the structural
 # mean and covariance, in windows.
@@ -116,7 +114,7 @@ def grid_gaussians(
     track: PhaseTrack,
     residual: Residual,
     grid: PhaseGrid,
-    steps: NDArray[np.int64],
+    steps: Indices,
 ) -> Callable[[int], tuple[Array, Array]]:
     """Return a function that gives mean (n, D) and covariance (n D, n D) at a grid phase.
 
@@ -186,7 +184,7 @@ def _errors(
     track: PhaseTrack,
     cycles: Array,
     phases: Array,
-    steps: NDArray[np.int64],
+    steps: Indices,
 ) -> list[Array]:
     """Return the errors (n, T D) of the cycle in the windows that pass each phase.
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from fmp_drake.numeric import Array
 
 # Ridge of a harmonic k is _RIDGE (k / _KNEE)^4 per sample.
 _RIDGE = 1e-7

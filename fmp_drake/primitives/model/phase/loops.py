@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fmp_drake.numeric import Array
 from fmp_drake.primitives.model.phase.rhythm import Part
-
-Array = NDArray[np.float64]
 
 # Greatest distance between the end of one recording and the beginning of the next,
 # relative to the size of the movement.

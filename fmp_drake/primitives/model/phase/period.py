@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError
+from fmp_drake.numeric import Array
 
 # Samples.
 _SHORTEST = 4.0
@@ -26,7 +26,7 @@ _BAND = 0.8
 _NOTABLE = 0.3
 
 
-def noise_fractions(recordings: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+def noise_fractions(recordings: Sequence[Array]) -> Array:
     """Return the fraction of white noise in each channel of recordings, shape (D,).
 
     It is the flatness of the spectrum, the ratio of its geometric to its arithmetic
@@ -38,13 +38,11 @@ def noise_fractions(recordings: Sequence[NDArray[np.float64]]) -> NDArray[np.flo
         power = np.abs(np.fft.rfft(y, axis=0)) ** 2
         powers.append(power[1 : max(2, int(_BAND * len(power)))])
     power = np.concatenate(powers) + 1e-300
-    mean: NDArray[np.float64] = np.exp(np.mean(np.log(power), axis=0) + np.euler_gamma)
+    mean: Array = np.exp(np.mean(np.log(power), axis=0) + np.euler_gamma)
     return mean / power.mean(axis=0)
 
 
-def autocorrelation(
-    recordings: Sequence[NDArray[np.float64]], *, longest: int
-) -> NDArray[np.float64]:
+def autocorrelation(recordings: Sequence[Array], *, longest: int) -> Array:
     """Return the autocorrelation of recordings (n, D) at lags 0 to `longest`.
 
     All channels count by their variances. It is normalised by the energies of the two
@@ -69,7 +67,7 @@ def autocorrelation(
     return np.where(norm > 1e-12 * norm[0], sums, 0) / np.where(norm > 0, norm, 1.0)
 
 
-def fundamental_period(recordings: Sequence[NDArray[np.float64]]) -> float:
+def fundamental_period(recordings: Sequence[Array]) -> float:
     """Return the period, in samples, after which all channels repeat together.
 
     It is the first of the highest peaks of the autocorrelation, refined by a parabola
@@ -88,7 +86,7 @@ def fundamental_period(recordings: Sequence[NDArray[np.float64]]) -> float:
     return _fundamental(_correlated(recordings))
 
 
-def possible_periods(recordings: Sequence[NDArray[np.float64]]) -> list[float]:
+def possible_periods(recordings: Sequence[Array]) -> list[float]:
     """Return the fundamental period and other candidates, in samples.
 
     The others increase: fractions and multiples of the first, and the first peaks of the
@@ -113,7 +111,7 @@ def possible_periods(recordings: Sequence[NDArray[np.float64]]) -> list[float]:
     return periods
 
 
-def _correlated(recordings: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+def _correlated(recordings: Sequence[Array]) -> Array:
     """Return the autocorrelation up to a lag after the longest period, (longest + 2,)."""
     longest_recording = max((len(y) for y in recordings), default=0)
     longest = int(0.6 * longest_recording)
@@ -125,7 +123,7 @@ def _correlated(recordings: Sequence[NDArray[np.float64]]) -> NDArray[np.float64
     return autocorrelation(recordings, longest=longest + 1)
 
 
-def _fundamental(r: NDArray[np.float64]) -> float:
+def _fundamental(r: Array) -> float:
     """Return the period of an autocorrelation; see `fundamental_period`."""
     longest = len(r) - 2
     inner = np.arange(1, longest + 1)
@@ -154,7 +152,7 @@ def _fundamental(r: NDArray[np.float64]) -> float:
     return period
 
 
-def parabola_top(values: NDArray[np.float64], top: int) -> float:
+def parabola_top(values: Array, top: int) -> float:
     """Return the vertex of the parabola through a peak of values (n,) and its neighbours.
 
     It is the peak itself if that is the first or the last value.
@@ -166,16 +164,14 @@ def parabola_top(values: NDArray[np.float64], top: int) -> float:
     return top if curvature >= 0 else top + 0.5 * float((before - after) / curvature)
 
 
-def window_sums(values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+def window_sums(values: Array, size: int) -> Array:
     """Return the sums of values (n, ...) in windows, shape (n - size + 1, ...)."""
     sums = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
-    out: NDArray[np.float64] = sums[size:] - sums[:-size]
+    out: Array = sums[size:] - sums[:-size]
     return out
 
 
-def similarity(
-    values: NDArray[np.float64], lag: int, width: int
-) -> NDArray[np.float64]:
+def similarity(values: Array, lag: int, width: int) -> Array:
     """Return how similar each segment (width, D) is to the one a lag later.
 
     It is 1 minus their squared distance relative to their variance about the common mean:
@@ -209,7 +205,7 @@ def similarity(
     return np.where(energy > least, 1 - distance / np.maximum(energy, 1e-300), 0.0)
 
 
-def local_periods(recordings: Sequence[NDArray[np.float64]]) -> list[float]:
+def local_periods(recordings: Sequence[Array]) -> list[float]:
     """Return candidates of the period, in samples, the most likely first.
 
     They are found from similar neighbouring segments, so other parts of a recording,

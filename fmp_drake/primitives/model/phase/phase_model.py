@@ -3,10 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
-from fmp_drake.numeric import finite_array
+from fmp_drake.numeric import Array, finite_array
 from fmp_drake.primitives.model.basis import close_windows
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.phase.calibration import Calibration, calibrate
@@ -18,8 +18,6 @@ from fmp_drake.primitives.model.phase.components import (
 from fmp_drake.primitives.model.phase.cycle import Cycle, CycleHistory
 from fmp_drake.primitives.model.phase.random_processes import PhaseVelocity, Residual
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack, phase_path
-
-Array = NDArray[np.float64]
 
 # Standard deviation of the phase of a movement at the reference step of the component that
 # it is mapped to, rad; variance of white noise in the samples.

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov, solve_toeplitz
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array, Indices
 from fmp_drake.primitives.model.phase.cycle import FEW_CYCLES
-
-Array = NDArray[np.float64]
 
 # Autoregression: relative ridge, and greatest radius of its eigenvalues.
 _RIDGE = 1e-6
@@ -110,7 +108,7 @@ class Autoregression:
             stationary = companion @ stationary
         return out
 
-    def covariance(self, steps: NDArray[np.int64]) -> Array:
+    def covariance(self, steps: Indices) -> Array:
         """Return E[v_t v_u'] at steps (n,), shape (n, D, n, D)."""
         lags = steps[:, None] - steps
         later = self.autocovariance(int(np.ptp(steps)) + 1)[np.abs(lags)]

@@ -4,15 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import KDTree
 
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.period import SIMILAR, similarity
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Speed at rest relative to its root mean square. A rest is longer by the factor than the
 # median where each cycle contains one.

@@ -6,9 +6,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError
+from fmp_drake.numeric import Array, Indices, Mask
 from fmp_drake.primitives.data.channels import (
     channel_scales,
     default_channels,
@@ -46,8 +46,6 @@ from fmp_drake.primitives.model.phase.tracking import (
     first_cycle,
     track_phase,
 )
-
-Array = NDArray[np.float64]
 
 
 class _Limits(NamedTuple):
@@ -113,7 +111,7 @@ class TrackedRhythm(NamedTuple):
 class _Attempt(NamedTuple):
     """Attempt with one period: labels (n,) of the samples, and the track of the bouts."""
 
-    labels: list[NDArray[np.int64]]
+    labels: list[Indices]
     track: PhaseTrack
     period: float
 
@@ -364,9 +362,7 @@ def _candidates(
             yield candidate
 
 
-def _cut(
-    recordings: Sequence[Array], masks: Sequence[NDArray[np.bool_]]
-) -> list[Array]:
+def _cut(recordings: Sequence[Array], masks: Sequence[Mask]) -> list[Array]:
     """Return the segments of recordings where masks are true."""
     return [
         y[a:b]
@@ -492,9 +488,7 @@ def _split_kinds(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, .
     return bouts, tuple(part for part in parts if part.kind != "bout")
 
 
-def _kind(
-    values: Array, label: NDArray[np.int64], start: int, end: int, speed: float
-) -> str:
+def _kind(values: Array, label: Indices, start: int, end: int, speed: float) -> str:
     """Return the kind of a segment of a recording; see `Part`."""
     if label[start] == _BOUT:
         return "bout"

@@ -4,14 +4,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array, Indices, Mask
 from fmp_drake.primitives.model.phase.period import window_sums
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 # Squared distance, relative to the variance of the states in one lag, up to which states are
 # similar, and the cost of a change of the lag by one sample; a sample at the mean speed gains

@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 from scipy.ndimage import gaussian_filter1d
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array, Indices
 from fmp_drake.primitives.model.phase.cycle import FEW_CYCLES, Cycle, CycleHistory
 
-Recordings = Sequence[NDArray[np.float64]]
+Recordings = Sequence[Array]
 
 # Phases per sample of a nominal period, bounds of their number, and the greatest increment
 # relative to the nominal one.
@@ -51,9 +51,9 @@ class PhaseTrack:
     cycle : Cycle
     """
 
-    recordings: list[NDArray[np.float64]]
-    phases: list[NDArray[np.float64]]
-    shifts: list[NDArray[np.float64]]
+    recordings: list[Array]
+    phases: list[Array]
+    shifts: list[Array]
     cycle: Cycle
 
     @property
@@ -83,7 +83,7 @@ class PhaseTrack:
         """The fraction of the variance that slow shifts of the centre take."""
         return self._fraction(np.concatenate(self.shifts))
 
-    def _fraction(self, errors: NDArray[np.float64]) -> float:
+    def _fraction(self, errors: Array) -> float:
         values = np.concatenate(self.recordings)
         total = float(np.sum((values - values.mean(axis=0)) ** 2))
         return float(np.sum(errors**2)) / max(total, 1e-300)
@@ -111,7 +111,7 @@ class PhaseTrack:
         )
         return replace(self, cycle=cycle)
 
-    def residuals(self) -> list[NDArray[np.float64]]:
+    def residuals(self) -> list[Array]:
         """Return the recordings minus the cycle at their phases; shifts are included."""
         return [
             y - self.cycle.values(p)
@@ -178,17 +178,17 @@ def first_cycle(recordings: Recordings, period: float) -> Cycle:
     distance = distance[:whole_size].reshape(-1, min(size, whole_size), len(candidates))
     best = candidates[int(np.argmin(np.median(distance.min(axis=1), axis=0)))]
     phase = np.asarray(2 * np.pi * np.arange(size) / period, dtype=float)
-    values: NDArray[np.float64] = best.reshape(-1, size).T
+    values: Array = best.reshape(-1, size).T
     return Cycle.fit(phase, values, harmonics=max(1, min(_HARMONICS[0], size // 2 - 2)))
 
 
 def phase_path(
-    values: NDArray[np.float64],
+    values: Array,
     cycle: Cycle,
     *,
     velocity: float,
     change: float = CHANGE,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the unwrapped phase of every sample of a movement, shape (n,).
 
     Dynamic programming over a grid of phases gives an estimate that needs no initial
@@ -208,9 +208,7 @@ def phase_path(
     return _refined(path, values, cycle, change * velocity)
 
 
-def _grid_path(
-    values: NDArray[np.float64], cycle: Cycle, velocity: float
-) -> NDArray[np.float64]:
+def _grid_path(values: Array, cycle: Cycle, velocity: float) -> Array:
     count = int(np.clip(_STATES_PER_SAMPLE * 2 * np.pi / velocity, *_STATES))
     grid = 2 * np.pi * np.arange(count) / count
     states, rates = cycle.values(grid), velocity * cycle.values(grid, 1)
@@ -232,9 +230,7 @@ def _grid_path(
 
 
 @compiled
-def best_path(
-    cost: NDArray[np.float64], step_cost: NDArray[np.float64]
-) -> tuple[int, NDArray[np.int64]]:
+def best_path(cost: Array, step_cost: Array) -> tuple[int, Indices]:
     """Return the cheapest path through states on a circle, by dynamic programming.
 
     Parameters
@@ -281,11 +277,11 @@ def best_path(
 
 
 def _refined(
-    phase: NDArray[np.float64],
-    values: NDArray[np.float64],
+    phase: Array,
+    values: Array,
     cycle: Cycle,
     change: float,
-) -> NDArray[np.float64]:
+) -> Array:
     """Minimise distances to the cycle and changes of the phase velocity (Gauss-Newton)."""
     n, d = values.shape
     if n < 3:
@@ -297,7 +293,7 @@ def _refined(
     stiffness = 1 / change**2
     smooth = _second_difference_bands(n) * stiffness
 
-    def cost(phi: NDArray[np.float64], error: NDArray[np.float64]) -> float:
+    def cost(phi: Array, error: Array) -> float:
         misfit = np.sum(error**2) / variance
         return float(misfit + stiffness * np.sum(np.diff(phi, 2) ** 2))
 
@@ -327,7 +323,7 @@ def _refined(
     return phase
 
 
-def _second_difference_bands(n: int) -> NDArray[np.float64]:
+def _second_difference_bands(n: int) -> Array:
     """Return the upper bands of D'D, with D the second difference, shape (3, n)."""
     bands = np.zeros((3, n))
     for offset, product in ((0, (1, 4, 1)), (1, (-2, -2)), (2, (1,))):
