@@ -25,7 +25,12 @@ from fmp_drake.primitives import (
 )
 from fmp_drake.primitives.playback.motion import Segment, segment_motion
 from fmp_drake.systems.ink.grid import CoverageChoice
-from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
+from fmp_drake.systems.interface.callbacks import (
+    declare_cache,
+    declare_number,
+    eval_cache,
+    eval_number,
+)
 
 Calc = Callable[[Context, BasicVector], None]
 
@@ -237,8 +242,7 @@ class FourierPrimitiveSystem(LeafSystem):
         declare("weights", weights, self._calc_of(player.weights), now)
         declare("component", 1, self._calc_of(lambda state: state.component), now)
         if player.skill.phase_model_ is not None:
-            phase = self._calc_of(player.phase)
-            declare("phase", 1, phase, now)
+            declare_number(self, "phase", self._calc_of(player.phase), now)
         points = self._plan_ticks + 1
         for order, (name, size) in enumerate((("plan", d), ("plan_covariance", d * d))):
             part = self._calc_part_of(partial(eval_cache, self, plan), order)
@@ -361,10 +365,8 @@ class FourierPrimitiveSystem(LeafSystem):
 
     def _check_start(self, measured: Array) -> None:
         if np.all(np.isfinite(measured)) and not self._is_plausible(measured):
-            lowest, highest = (
-                self._centre - self._max_deviation,
-                self._centre + self._max_deviation,
-            )
+            lowest = self._centre - self._max_deviation
+            highest = self._centre + self._max_deviation
             raise SystemsError(
                 f"{self.get_name()}: the measured position is {measured}; it must be from "
                 f"{lowest} to {highest}, near the demonstrations. Check the measurement, "
@@ -382,10 +384,7 @@ class FourierPrimitiveSystem(LeafSystem):
         return self._choice.tracked(self._player, state, ink)
 
     def _tempo_input(self, context: Context) -> float:
-        if not self._tempo.HasValue(context):
-            return 1.0
-        port: Any = self._tempo.Eval(context)
-        tempo = float(port[0])
+        tempo = eval_number(self._tempo, context, 1.0)
         if not 0 <= tempo <= MAX_TEMPO:
             raise SystemsError(
                 f"{self.get_name()}: the tempo is {tempo}; it must be from 0 to "
@@ -394,10 +393,7 @@ class FourierPrimitiveSystem(LeafSystem):
         return tempo
 
     def _sample_input(self, context: Context) -> bool:
-        if not self._sample.HasValue(context):
-            return self._player.sample
-        port: Any = self._sample.Eval(context)
-        return bool(port[0] >= 0.5)
+        return eval_number(self._sample, context, float(self._player.sample)) >= 0.5
 
     # Outputs ------------------------------------------------------------------
 

@@ -3,10 +3,8 @@
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.math import SpatialForce
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from scipy.spatial.transform import Rotation
@@ -19,7 +17,11 @@ from fmp_drake.primitives.data.channels import (
     ROTATION_CHANNELS,
 )
 from fmp_drake.primitives.data.orientation import angular_velocity
-from fmp_drake.systems.interface.callbacks import declare_bodies, weakly
+from fmp_drake.systems.interface.callbacks import (
+    declare_bodies,
+    declare_spatial_forces,
+    spatial_force,
+)
 from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import PLANE, Surface
 from fmp_drake.systems.teaching.hand_motion import HandMotion
@@ -118,19 +120,12 @@ class HumanHand(LeafSystem):
         self._rotation = [index(n) for n in ROTATION_CHANNELS if n in motion.channels]
         has_force = FORCE_CHANNEL in motion.channels
         self._force = index(FORCE_CHANNEL) if has_force else None
-        self._body = grip.body().index()
+        self._body = int(grip.body().index())
         self._X_LE = grip.GetFixedPoseInBodyFrame()
         self._poses, self._velocities = declare_bodies(self)
-        self.DeclareAbstractOutputPort(
-            "spatial_forces",
-            Value[list[ExternallyAppliedSpatialForce]],
-            weakly(self._calc_forces),
-            prerequisites_of_calc={
-                self.time_ticket(),
-                self._poses.ticket(),
-                self._velocities.ticket(),
-            },
-        )
+        prerequisites = {self._poses.ticket(), self._velocities.ticket()}
+        prerequisites.add(self.time_ticket())
+        declare_spatial_forces(self, self._calc_forces, prerequisites)
         self.DeclareVectorOutputPort(
             "position",
             3,
@@ -140,7 +135,7 @@ class HumanHand(LeafSystem):
 
     def _grip_pose(self, context: Context) -> RigidTransform:
         poses: Any = self._poses.Eval(context)
-        return poses[int(self._body)] @ self._X_LE
+        return poses[self._body] @ self._X_LE
 
     def _calc_position(self, context: Context, output: BasicVector) -> None:
         p_WE: Any = self._grip_pose(context).translation()
@@ -157,14 +152,13 @@ class HumanHand(LeafSystem):
     def _normal_rotation(self, target: Array, rate: Array) -> Array:
         """Return the angular velocity in W of the local normal at the target, rad/s."""
         _, _, V_BT, _ = surfaces.moving_frame(self._surface, target, rate, np.zeros(2))
-        omega: Array = self._X_WB.rotation().matrix() @ V_BT[:3]
-        return omega
+        return self._X_WB.rotation().matrix() @ V_BT[:3]
 
     def _calc_forces(self, context: Any, output: Any) -> None:
         X_WE = self._grip_pose(context)
         velocities: Any = self._velocities.Eval(context)
         R_WL = X_WE.rotation() @ self._X_LE.rotation().inverse()
-        V_WE = velocities[int(self._body)].Shift(R_WL @ self._X_LE.translation())
+        V_WE = velocities[self._body].Shift(R_WL @ self._X_LE.translation())
         R_BW = self._X_BW.rotation()
         p_WE: Any = X_WE.translation()
         p_BE = self._X_BW.multiply(p_WE)
@@ -190,11 +184,8 @@ class HumanHand(LeafSystem):
             force = NORMAL_FORCE if self._force is None else values[self._force]
             f_B[2] -= max(force, 0.0)
         tau_W = hand_torque(R_WE @ X_WE.rotation().inverse(), w_WE)
-        wrench = ExternallyAppliedSpatialForce()
-        wrench.body_index = self._body
-        wrench.p_BoBq_B = self._X_LE.translation()
-        wrench.F_Bq_W = SpatialForce(tau_W, R_BW.inverse() @ f_B)
-        output.set_value([wrench])
+        p_LE, f_W = self._X_LE.translation(), R_BW.inverse() @ f_B
+        output.set_value([spatial_force(self._body, p_LE, tau_W, f_W)])
 
 
 def hand_torque(
@@ -214,5 +205,4 @@ def hand_torque(
     rotation = R.ToAngleAxis()
     torque = ROTATIONAL_STIFFNESS * rotation.angle() * rotation.axis()
     torque -= ROTATIONAL_DAMPING * angular_velocity
-    limited: Array = torque * min(1.0, most / max(float(np.linalg.norm(torque)), 1e-12))
-    return limited
+    return torque * min(1.0, most / max(float(np.linalg.norm(torque)), 1e-12))

@@ -40,6 +40,7 @@ from fmp_drake.systems.interface.callbacks import (
     collision_ids,
     contact_surfaces,
     declare_bodies,
+    declare_number,
 )
 from fmp_drake.systems.surface.surface import project, rotation
 
@@ -172,22 +173,13 @@ class InkBoard(LeafSystem):
         motion = PlanarMotion(-math.inf, *[0.0] * (len(PlanarMotion._fields) - 1))
         self._motion = int(self.DeclareDiscreteState(np.array(motion)))
         self._outline = int(self.DeclareDiscreteState(6))
-        self.DeclareVectorOutputPort(
-            "cleaned_fraction",
-            1,
-            self._calc_cleaned_fraction,
-            {self.xd_ticket()},
+        declare_number(
+            self, "cleaned_fraction", self._calc_cleaned_fraction, {self.xd_ticket()}
         )
         contact = {self._contact_results.ticket()}
-        self.DeclareVectorOutputPort(
-            "normal_force",
-            1,
-            self._calc_normal_force,
-            contact | {self._poses.ticket()},
-        )
-        self.DeclareVectorOutputPort(
-            "contact_area", 1, self._calc_contact_area, contact
-        )
+        pressed = contact | {self._poses.ticket()}
+        declare_number(self, "normal_force", self._calc_normal_force, pressed)
+        declare_number(self, "contact_area", self._calc_contact_area, contact)
         compile_rubbing(self._cells)
         self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._update)

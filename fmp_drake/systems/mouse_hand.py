@@ -7,7 +7,6 @@ import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import Meshcat
 from pydrake.math import RotationMatrix
-from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, Frame
 from pydrake.systems.framework import (
@@ -19,13 +18,17 @@ from pydrake.systems.framework import (
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import Array, check_number
 from fmp_drake.systems.human_hand import hand_torque
-from fmp_drake.systems.interface.callbacks import declare_bodies, weakly
+from fmp_drake.systems.interface.callbacks import (
+    declare_bodies,
+    declare_number,
+    declare_spatial_forces,
+    spatial_force,
+)
 from fmp_drake.systems.teaching.mouse_drag import (
     PULLING_DRAG,
     STATE,
-    Array,
     BoardSurface,
     Drag,
     DragConfig,
@@ -153,22 +156,14 @@ class MouseHand(LeafSystem):
         state = self.DeclareDiscreteState(no_drag())
         self._state = int(state)
         ticket = self.discrete_state_ticket(state)
-        self.DeclareAbstractOutputPort(
-            "spatial_forces",
-            Value[list[ExternallyAppliedSpatialForce]],
-            weakly(self._calc_forces),
-            prerequisites_of_calc={
-                ticket,
-                self._poses.ticket(),
-                self._velocities.ticket(),
-            },
-        )
+        prerequisites = {ticket, self._poses.ticket(), self._velocities.ticket()}
+        declare_spatial_forces(self, self._calc_forces, prerequisites)
         for name, field in (("is_guided", "guiding"), ("cursor_interval", "interval")):
 
             def calc(context: Context, output: BasicVector, field: str = field) -> None:
                 output[0] = self._read_state(context)[field]
 
-            self.DeclareVectorOutputPort(name, 1, calc, prerequisites_of_calc={ticket})
+            declare_number(self, name, calc, {ticket})
         self.DeclarePeriodicDiscreteUpdateEvent(SAMPLE_PERIOD, 0.0, self._read)
 
     def _read_state(self, context: Context) -> Any:
@@ -211,8 +206,7 @@ class MouseHand(LeafSystem):
         rotation = (
             poses[self._tip_body].rotation() @ self._R_WL.inverse()
         ).ToAngleAxis()
-        phi: Array = rotation.angle() * rotation.axis()
-        return phi
+        return rotation.angle() * rotation.axis()
 
     def _guided(self, state: Any) -> tuple[int, Array]:
         """Return the body that the hand acts on, and the point p_BoQ_B."""
@@ -287,8 +281,4 @@ class MouseHand(LeafSystem):
                 velocities[body].rotational(),
                 MOST_TORQUE,
             )
-        force = ExternallyAppliedSpatialForce()
-        force.body_index = BodyIndex(body)
-        force.p_BoBq_B = point
-        force.F_Bq_W = SpatialForce(tau_W, f_W)
-        output.set_value([force])
+        output.set_value([spatial_force(body, point, tau_W, f_W)])

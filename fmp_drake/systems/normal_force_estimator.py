@@ -9,7 +9,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from fmp_drake.systems.interface.arm_model import ArmModel
-from fmp_drake.systems.interface.callbacks import eval_cache
+from fmp_drake.systems.interface.callbacks import declare_number, eval_cache
 
 
 class NormalForceEstimator(LeafSystem):
@@ -71,23 +71,16 @@ class NormalForceEstimator(LeafSystem):
         self._torque = self.DeclareVectorInputPort("torque_external", n)
         self._frame = self.DeclareVectorInputPort("task_frame", 7)
         self._plant_context = self._arm.declare_context(self)
-        self.DeclareVectorOutputPort(
-            "normal_force",
-            1,
-            self._calc,
-            prerequisites_of_calc={
-                port.ticket() for port in (self._state, self._torque, self._frame)
-            },
-        )
+        ports = (self._state, self._torque, self._frame)
+        declare_number(self, "normal_force", self._calc, {p.ticket() for p in ports})
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         state: Any = self._state.Eval(context)
         torque: Any = self._torque.Eval(context)
         force = np.nan
         if np.all(np.isfinite(state)) and np.all(np.isfinite(torque)):
-            J = self._arm.jacobian(
-                eval_cache(self, self._plant_context, context), state
-            )
+            plant_context = eval_cache(self, self._plant_context, context)
+            J = self._arm.jacobian(plant_context, state)
             wrench = np.linalg.lstsq(J.T, torque)[0]
             normal_W = self._normal_W
             if self._frame.HasValue(context):

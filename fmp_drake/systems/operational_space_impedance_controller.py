@@ -344,16 +344,16 @@ class OperationalSpaceImpedanceController(LeafSystem):
             context.get_time(),
             discrete.value(_TORQUE),
             discrete.value(_MEMORY),
-            *self._arm.read(
-                self._eval_plant_context(context), _eval(self._state, context)
-            ),
+            *self._arm.read(*self._arm_state(context)),
         )
         values.set_value(_TORQUE, torque)
         values.set_value(_STATUS, status)
         values.set_value(_MEMORY, memory)
 
-    def _eval_plant_context(self, context: Context) -> Context:
-        return cast(Context, eval_cache(self, self._plant_context, context))
+    def _arm_state(self, context: Context) -> tuple[Context, Array]:
+        """Return the arguments of the methods of `ArmModel`."""
+        plant_context = eval_cache(self, self._plant_context, context)
+        return plant_context, _eval(self._state, context)
 
     def _calc_packed(self, context: Any, value: Any) -> None:
         value.set_value(self._pack(context, self._rare, np.zeros(PACKED_SIZE)))
@@ -376,16 +376,12 @@ class OperationalSpaceImpedanceController(LeafSystem):
         """Set a part of `measured_motion` with the values of some ports."""
         measured = self._measured_motion(
             self._pack(context, names, np.zeros(PACKED_SIZE)),
-            *self._arm.motion(
-                self._eval_plant_context(context), _eval(self._state, context)
-            ),
+            *self._arm.motion(*self._arm_state(context)),
         )
         output.SetFromVector(measured[part])
 
     def _calc_measured_pose(self, context: Context, output: BasicVector) -> None:
-        X_WE, _ = self._arm.motion(
-            self._eval_plant_context(context), _eval(self._state, context)
-        )
+        X_WE, _ = self._arm.motion(*self._arm_state(context))
         if not np.all(np.isfinite(X_WE)):
             output.SetFromVector(np.full(7, np.nan))
             return

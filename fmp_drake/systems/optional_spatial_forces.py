@@ -6,7 +6,7 @@ from pydrake.common.value import Value
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import LeafSystem
 
-from fmp_drake.systems.interface.callbacks import weakly
+from fmp_drake.systems.interface.callbacks import declare_spatial_forces
 
 
 class OptionalSpatialForces(LeafSystem):
@@ -37,12 +37,7 @@ class OptionalSpatialForces(LeafSystem):
         self.set_name("optional_spatial_forces")
         forces = Value[list[ExternallyAppliedSpatialForce]]
         self._forces = self.DeclareAbstractInputPort("forces", forces())
-        self.DeclareAbstractOutputPort(
-            "spatial_forces",
-            forces,
-            weakly(self._calc),
-            prerequisites_of_calc={self._forces.ticket()},
-        )
+        declare_spatial_forces(self, self._calc, {self._forces.ticket()})
 
     def _calc(self, context: Any, output: Any) -> None:
         has_value = self._forces.HasValue(context)

@@ -5,10 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialForce
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
@@ -17,8 +14,9 @@ from fmp_drake.settings import bounded
 from fmp_drake.systems.interface.callbacks import (
     declare_bodies,
     declare_cache,
+    declare_spatial_forces,
     eval_cache,
-    weakly,
+    spatial_force,
 )
 
 DISTURBANCES = ("push", "grasp")
@@ -159,7 +157,7 @@ class ScriptedDisturbances(LeafSystem):
             )
             for each in disturbances
         ]
-        self._body = grip.body().index()
+        self._body = int(grip.body().index())
         self._X_BodyG = grip.GetFixedPoseInBodyFrame()
         self._poses, self._velocities = declare_bodies(self)
         prerequisites = {self.time_ticket()}
@@ -169,12 +167,7 @@ class ScriptedDisturbances(LeafSystem):
             self, "force of the disturbances", self._calc, prerequisites
         )
         force = {self.cache_entry_ticket(self._force)}
-        self.DeclareAbstractOutputPort(
-            "spatial_forces",
-            alloc=lambda: Value[list[ExternallyAppliedSpatialForce]]([]),
-            calc=weakly(self._calc_forces),
-            prerequisites_of_calc=force,
-        )
+        declare_spatial_forces(self, self._calc_forces, force)
         self.DeclareVectorOutputPort(
             "force",
             3,
@@ -207,11 +200,8 @@ class ScriptedDisturbances(LeafSystem):
         if not force.any():
             output.set_value([])
             return
-        applied = ExternallyAppliedSpatialForce()
-        applied.body_index = self._body
-        applied.p_BoBq_B = self._X_BodyG.translation()
-        applied.F_Bq_W = SpatialForce(np.zeros(3), force)
-        output.set_value([applied])
+        p_BoG = self._X_BodyG.translation()
+        output.set_value([spatial_force(self._body, p_BoG, np.zeros(3), force)])
 
     def _calc_vector(self, context: Context, output: BasicVector) -> None:
         force: Any = eval_cache(self, self._force, context)

@@ -67,13 +67,11 @@ class SurfaceCoordinates(LeafSystem):
 
     def _position(self, context: Context) -> Array:
         pose: Any = self._pose.Eval(context)
-        p_BE: Array = pose[4:].copy()
-        return p_BE
+        return pose[4:].copy()
 
     def _uvh(self, context: Context) -> Array:
         p_BE = self._position(context)
-        uvh: Array = surfaces.project(self._surface, p_BE, np.zeros(2))
-        return uvh
+        return surfaces.project(self._surface, p_BE, np.zeros(2))
 
     def _calc_coordinates(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._uvh(context))

@@ -19,7 +19,12 @@ from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import Array, as_floats
 from fmp_drake.settings import check_settings
 from fmp_drake.systems.impedance.joints import JointLimits
-from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
+from fmp_drake.systems.interface.callbacks import (
+    declare_cache,
+    declare_number,
+    eval_cache,
+    eval_number,
+)
 from fmp_drake.systems.panda.arm_status import (
     JOINTS,
     ArmReading,
@@ -119,31 +124,22 @@ class TorqueGate(LeafSystem):
         self._config, self._limits = config.completed(limits), limits
         self._send = send
         first = as_floats(initial, "the initial angles", (JOINTS,), error=SystemsError)
-        torque = self.DeclareVectorInputPort("torque", JOINTS)
-        status = self.DeclareAbstractInputPort("status", AbstractValue.Make(b""))
-        wall_time = self.DeclareVectorInputPort("wall_time", 1)
-        go = self.DeclareVectorInputPort("go", 1)
-        command = self.DeclareAbstractInputPort("command", AbstractValue.Make(b""))
-        self._torque, self._status, self._command = torque, status, command
+        message = AbstractValue.Make(b"")
+        self._torque = self.DeclareVectorInputPort("torque", JOINTS)
+        self._status = self.DeclareAbstractInputPort("status", message)
+        self._wall_time = self.DeclareVectorInputPort("wall_time", 1)
+        self._go = self.DeclareVectorInputPort("go", 1)
+        self._command = self.DeclareAbstractInputPort("command", message)
         self._count = self.DeclareVectorInputPort("command_count", 1)
-        self._wall_time, self._go = wall_time, go
         torque_index, gate_index, *_ = map(
             self.DeclareDiscreteState, initial_gate().vectors()
         )
         read_index = self.DeclareDiscreteState(np.r_[first, np.zeros(3 * JOINTS)])
         self._reading = declare_cache(
-            self,
-            "reading",
-            self._calc_reading,
-            {status.ticket()},
-            allocate=lambda: AbstractValue.Make(read_status(None)),
+            self, "reading", self._calc_reading, {self._status.ticket()}
         )
         self._last_command = declare_cache(
-            self,
-            "last command",
-            self._calc_command,
-            {command.ticket()},
-            allocate=lambda: AbstractValue.Make(lcmt_panda_command()),
+            self, "last command", self._calc_command, {self._command.ticket()}
         )
         gate_ticket = self.discrete_state_ticket(gate_index)
         # The outputs follow a valid message without delay.
@@ -166,18 +162,9 @@ class TorqueGate(LeafSystem):
                 prerequisites_of_calc=measurement,
             )
         for i, name in enumerate(("mode", "faults")):
-            self.DeclareVectorOutputPort(
-                name,
-                1,
-                partial(self._calc_gate, i),
-                prerequisites_of_calc={gate_ticket},
-            )
-        self.DeclareVectorOutputPort(
-            "age",
-            1,
-            self._calc_age,
-            prerequisites_of_calc={gate_ticket, wall_time.ticket()},
-        )
+            declare_number(self, name, partial(self._calc_gate, i), {gate_ticket})
+        age_tickets = {gate_ticket, self._wall_time.ticket()}
+        declare_number(self, "age", self._calc_age, age_tickets)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
         self.DeclarePeriodicPublishEvent(config.period, 0.0, self._publish)
 
@@ -206,21 +193,16 @@ class TorqueGate(LeafSystem):
         return discrete.value(_READING)
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
-        wall_time: Any = self._wall_time.Eval(context)
-        go: Any = self._go.Eval(context)
-        count: Any = [0.0]
-        if self._count.HasValue(context):
-            count = self._count.Eval(context)
         state = gate_step(
             self._config,
             self._state(context),
             limits=self._limits,
             reading=cast(ArmReading, eval_cache(self, self._reading, context)),
             command=eval_cache(self, self._last_command, context),
-            count=float(count[0]),
+            count=eval_number(self._count, context, 0.0),
             torque=np.array(self._torque.Eval(context)),
-            wall_time=float(wall_time[0]),
-            go=float(go[0]),
+            wall_time=eval_number(self._wall_time, context),
+            go=eval_number(self._go, context),
         )
         values.set_value(_READING, self._measurement(context))
         for index, vector in enumerate(state.vectors()):
@@ -242,6 +224,6 @@ class TorqueGate(LeafSystem):
         output.SetAtIndex(0, context.get_discrete_state(_GATE).value()[i])
 
     def _calc_age(self, context: Context, output: BasicVector) -> None:
-        wall_time: Any = self._wall_time.Eval(context)
         gate = context.get_discrete_state().value(_GATE)
-        output.SetAtIndex(0, wall_time[0] - gate[_STATUS_TIME])
+        wall_time = eval_number(self._wall_time, context)
+        output.SetAtIndex(0, wall_time - gate[_STATUS_TIME])

@@ -7,6 +7,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
 from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.interface.callbacks import eval_number
 
 # Time between two updates, s.
 _PERIOD = 0.05
@@ -58,8 +59,7 @@ class WipedArea(LeafSystem):
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         position: Any = self._position.Eval(context)
-        force: Any = self._force.Eval(context)
-        is_in_contact = bool(force[0] > CONTACT_FORCE)
+        is_in_contact = eval_number(self._force, context) > CONTACT_FORCE
         last = context.get_discrete_state(self._last).value()
         if is_in_contact and last[3] > 0:
             path = np.array([[*last[:2], 0.0], [*position[:2], 0.0]])

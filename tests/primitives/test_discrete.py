@@ -111,7 +111,7 @@ def test_fit_repeats_and_clones(primitive, demonstrations):
         ([], "0 demonstrations"),
         ([reach([0, 0, 0], [1, 0, 0], 0, 1)], "1 demonstrations"),
         (reach([0, 0, 0], [1, 0, 0], 0, 1), "1 demonstrations"),
-        (np.zeros((3, 20, 2)), "a list of Demonstration"),
+        (np.zeros((3, 20, 2)), "needs a Demonstration, or a list"),
         (
             [
                 reach([0, 0, 0], [1, 0, 0], 0, 1),

@@ -175,10 +175,8 @@ def test_jumps_are_refused_with_their_place():
 
 def test_mean_of_several_recordings_is_that_of_all_samples():
     one, two = about([0, 0, 1], [0.1, 0.2]), about([0, 0, 1], [0.3])
-    mean = Rotation.from_quat(mean_rotation([one, two]))
+    mean = Rotation.from_quat(mean_rotation(Rotation.concatenate([one, two])))
     assert_allclose(mean.as_rotvec(), [0, 0, 0.2], atol=1e-9)
-    with pytest.raises(DemonstrationError, match="no rotation"):
-        mean_rotation([])
 
 
 # Angular velocity -------------------------------------------------------
@@ -423,9 +421,8 @@ def test_real_recordings_are_learned_and_played(real_demonstration_paths, order)
                     (arrays["time"], arrays["position"], arrays["quaternion"])
                 )
     assert len(recordings) == 4
-    reference = mean_rotation(
-        [as_rotation(quaternion, order=order) for *_, quaternion in recordings]
-    )
+    quaternions = np.concatenate([quaternion for *_, quaternion in recordings])
+    reference = mean_rotation(quaternions, order=order)
     posed = [
         add_orientation(
             Demonstration(time=time, values=position),

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
-from fmp_drake.numeric import GREATEST, Array, as_floats, check_number
+from fmp_drake.numeric import GREATEST, Array, as_floats, check_number, read_only
 from fmp_drake.primitives.data.channels import (
     QUATERNION_CHANNELS,
     ROTATION_CHANNELS,
@@ -143,10 +143,8 @@ class Demonstration:
         if self.rotation_reference is not None:
             reference = _checked_reference(self.rotation_reference, self.channels)
             object.__setattr__(self, "rotation_reference", reference)
-        time.setflags(write=False)
-        values.setflags(write=False)
-        object.__setattr__(self, "time", time)
-        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "time", read_only(time))
+        object.__setattr__(self, "values", read_only(values))
 
     def __repr__(self) -> str:
         """Return channels, number of samples and duration."""

@@ -14,7 +14,6 @@ Sources: J. Sola, J. Deray, D. Atchuthan, "A micro Lie theory for state estimati
 robotics", arXiv:1812.01537 (logarithm and left Jacobian of SO(3), equations 132 to 146).
 """
 
-from collections.abc import Sequence
 from typing import Literal, Protocol
 
 import numpy as np
@@ -80,16 +79,14 @@ def as_rotation(
 
 
 def mean_rotation(
-    rotations: Rotation | ArrayLike | Sequence[Rotation],
-    *,
-    order: QuaternionOrder | None = None,
+    rotations: Rotation | ArrayLike, *, order: QuaternionOrder | None = None
 ) -> Quaternion:
     """Return the mean rotation, a good reference for several demonstrations.
 
     Parameters
     ----------
-    rotations : scipy Rotation, array_like of shape (N, 4), or sequence of Rotation
-        One recording, or the list of those of several.
+    rotations : scipy Rotation, or array_like of shape (N, 4)
+        Those of all demonstrations.
     order : {"xyzw", "wxyz"}
         Of quaternions; see `as_rotation`.
 
@@ -98,12 +95,6 @@ def mean_rotation(
     tuple of float
         Quaternion (x, y, z, w), of unit length, w not negative.
     """
-    if isinstance(rotations, Sequence) and all(
-        isinstance(r, Rotation) for r in rotations
-    ):
-        if not rotations:
-            raise DemonstrationError("there is no rotation; give at least one.")
-        rotations = Rotation.concatenate(list(rotations))
     return unit_quaternion(as_rotation(rotations, order=order).mean())
 
 
@@ -226,8 +217,7 @@ def angular_velocity(vectors: ArrayLike, rates: ArrayLike) -> Array:
     b = np.where(small, 1 / 2 - s / 24 + s**2 / 720, 2 * np.sin(a / 2) ** 2 / a**2)
     c = np.where(small, 1 / 6 - s / 120 + s**2 / 5040, (a - np.sin(a)) / a**3)
     first = np.cross(phi, rate)
-    out: Array = rate + b * first + c * np.cross(phi, first)
-    return out
+    return rate + b * first + c * np.cross(phi, first)
 
 
 def _nearest_branch(vector: Array, near: Array) -> Array:
@@ -240,8 +230,7 @@ def _nearest_branch(vector: Array, near: Array) -> Array:
     else:
         axis = vector / angle
     revolutions = np.round((float(near @ axis) - angle) / (2 * np.pi))
-    out: Array = vector + 2 * np.pi * revolutions * axis
-    return out
+    return vector + 2 * np.pi * revolutions * axis
 
 
 def unit_quaternion(rotation: Rotation) -> Quaternion:

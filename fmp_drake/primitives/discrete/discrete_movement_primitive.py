@@ -14,6 +14,7 @@ from fmp_drake.errors import DemonstrationError, SkillError
 from fmp_drake.numeric import Array, check_number, finite_array
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.data.demonstration import Demonstration
+from fmp_drake.primitives.data.windows import demonstration_list
 from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 from fmp_drake.primitives.playback.motion import Motion
@@ -178,12 +179,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         SkillError
             Where a parameter is out of range.
         """
-        demonstrations = [X] if isinstance(X, Demonstration) else list(X)
-        if not all(isinstance(d, Demonstration) for d in demonstrations):
-            raise DemonstrationError(
-                "a discrete movement is learned from a list of Demonstration, each one "
-                "whole movement."
-            )
+        demonstrations = demonstration_list(X, "fit")
         if len(demonstrations) < 2:
             raise DemonstrationError(
                 f"there are {len(demonstrations)} demonstrations; a discrete movement "
@@ -193,7 +189,6 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         check_number(self.confidence, "confidence", above=0.0, most=1.0)
         duration = float(np.mean([d.duration for d in demonstrations]))
         rate = self.n_steps / duration
-        first = demonstrations[0]
         skill = FourierMovementPrimitive(
             model="mixture",
             n_steps=2 * self.n_steps,
@@ -213,7 +208,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         self.channels_ = skill.channels_
         self.units_ = skill.units_
         self.frame_ = skill.frame_
-        self.rotation_reference_ = first.rotation_reference
+        self.rotation_reference_ = skill.rotation_reference_
         return self
 
     def plan(

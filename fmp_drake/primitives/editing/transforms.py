@@ -160,8 +160,7 @@ def _rotation_matrix(rotation: Rotation | ArrayLike, count: int) -> Array:
             f"determinant is {np.linalg.det(matrix):.3g}; it must be orthogonal with "
             "determinant 1."
         )
-    nearest: Array = polar(matrix)[0]
-    return nearest
+    return polar(matrix)[0]
 
 
 def _apply(

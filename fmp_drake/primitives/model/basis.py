@@ -154,8 +154,7 @@ class FourierBasis:
                 f"steps run from {np.min(tau)} to {np.max(tau)}; a window of "
                 f"{self.n_steps} samples is defined from 0 to {self.n_steps - 1}."
             )
-        out: Array = self._spline(tau, nu=derivative)
-        return out
+        return self._spline(tau, nu=derivative)
 
     @cached_property
     def _spline(self) -> BSpline:

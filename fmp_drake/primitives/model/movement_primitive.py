@@ -464,8 +464,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
     def n_steps(self) -> int:
         """T, samples in a window: chosen by `fit`, or as given."""
         given = self._most_steps if self._given_steps is None else self._given_steps
-        chosen: int = self.__dict__.get("n_steps_", given)
-        return chosen
+        return self.__dict__.get("n_steps_", given)
 
     @n_steps.setter
     def n_steps(self, value: int | None) -> None:
@@ -485,8 +484,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
     @property
     def overlap(self) -> int:
         """K, samples that two consecutive windows share: as given, or about half a second."""
-        chosen: int = self.__dict__.get("overlap_", self._nominal_overlap)
-        return chosen
+        return self.__dict__.get("overlap_", self._nominal_overlap)
 
     @overlap.setter
     def overlap(self, value: int | None) -> None:

@@ -83,8 +83,7 @@ class DemonstratedRegion:
     def distance(self, values: ArrayLike) -> Array:
         """Return the distance of values (..., D) to the nearest path, shape (...), m."""
         points = as_floats(values, "the values")[..., self._channels]
-        distance: Array = self._tree.query(points)[0]
-        return distance
+        return self._tree.query(points)[0]
 
     def largest_fractions(self, steady: Array, deviations: Array) -> Array:
         """Return the largest fractions of deviations that keep a movement in the region.

@@ -385,8 +385,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             tolerance = np.tile(self._tolerances()[index], np.size(steps))
         arrays = (rows, as_floats(tolerance, "the tolerance"), self.proportions_)
         key = (self.components_, *(a.tobytes() for a in arrays))
-        plan: MappingPlan = self._cache.get(key, lambda: self._plan(rows, tolerance))
-        return plan
+        return self._cache.get(key, lambda: self._plan(rows, tolerance))
 
     def _plan(self, rows: Array, tolerance: ArrayLike) -> MappingPlan:
         return MappingPlan(
@@ -471,8 +470,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         factor = gaussian.basis.reshape(self.n_channels_, self.n_steps, gaussian.rank)
         factor = np.tensordot(row, factor, axes=(0, 1)) * self.scales_[:, None]
         noise = gaussian.noise * (row @ row) * np.diag(self.scales_**2)
-        out: Array = (factor * gaussian.variances) @ factor.T + noise
-        return out
+        return (factor * gaussian.variances) @ factor.T + noise
 
     def predicted_covariance(self, component: int, step: float) -> Array:
         """Return the covariance (D, D) of the movement about a window that is played.

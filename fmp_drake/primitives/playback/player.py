@@ -156,8 +156,17 @@ class Player:
         self.seed = int(seed)
         self.blend_time = float(blend_time)
         self.tick_seconds = 1 / skill.rate
-        self.ticks_between_remaps = _ticks_between_remaps(skill, remap_ticks)
-        self._target = _checked_target(skill, target, sample=sample)
+        most_ticks = skill.n_steps - skill.overlap
+        if skill.phase_model_ is not None:
+            most_ticks = max(1, most_ticks - closing_samples(skill.n_steps))
+        ticks = most_ticks if remap_ticks is None else remap_ticks
+        check_number(ticks, "remap_ticks", least=1, most=most_ticks, whole=True)
+        self.ticks_between_remaps = int(ticks)
+        if target is not None:
+            if sample:
+                raise SkillError("give either a target or sample=True, not both.")
+            target = finite_array(target, "the target", (skill.components_[0].dim,))
+        self._target = target
         tracker = LqrTracker() if tracker is None else tracker
         self.relaxations = [
             tracker.relaxation(c, n_steps=skill.n_steps, tick=self.tick_seconds)
@@ -622,28 +631,6 @@ class Player:
                 state = self._tick(state, self.tick_seconds)
         time = np.arange(ticks + 1) / self.skill.rate
         return Motion(out if starts.ndim == 2 else out[0], time=time)
-
-
-def _ticks_between_remaps(skill: FourierMovementPrimitive, ticks: int | None) -> int:
-    """Return the ticks between two re-mappings; the greatest number where None."""
-    most = skill.n_steps - skill.overlap
-    if skill.phase_model_ is not None:
-        most = max(1, most - closing_samples(skill.n_steps))
-    if ticks is None:
-        return most
-    check_number(ticks, "remap_ticks", least=1, most=most, whole=True)
-    return int(ticks)
-
-
-def _checked_target(
-    skill: FourierMovementPrimitive, target: ArrayLike | None, *, sample: bool
-) -> Array | None:
-    """Return the weights to track, shape (D*T,), or None where none are given."""
-    if target is None:
-        return None
-    if sample:
-        raise SkillError("give either a target or sample=True, not both.")
-    return finite_array(target, "the target", (skill.components_[0].dim,))
 
 
 def _start_variances(skill: FourierMovementPrimitive, fraction: float) -> Array:

@@ -190,8 +190,32 @@ class LqrTracker:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _GainTracker:
-    """Tracker with the gain of (17)."""
+class ExponentialTracker:
+    """Exact solution of dw/dt = beta diag(Sigma^-1) (mu - w).
+
+    (17) is its Euler step. It is stable for every gain and exact at every time.
+
+    Attributes
+    ----------
+    beta : float
+        The gain of (17), positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fmp_drake.primitives import ExponentialTracker
+    >>> from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+    >>> component = LowRankGaussian(
+    ...     mean=np.zeros(8),
+    ...     basis=np.eye(8)[:, :1],
+    ...     variances=np.array([1.0]),
+    ...     noise=0.01,
+    ... )
+    >>> tracker = ExponentialTracker(beta=0.1)
+    >>> relaxation = tracker.relaxation(component, n_steps=8, tick=0.1)
+    >>> print(relaxation.after(np.ones(8), component.mean, 0.5).round(2)[:2])
+    [0.99 0.54]
+    """
 
     beta: float
 
@@ -199,9 +223,20 @@ class _GainTracker:
         """Check the gain."""
         check_number(self.beta, "beta", above=0)
 
+    def relaxation(
+        self,
+        component: LowRankGaussian,
+        *,
+        n_steps: int,
+        tick: float,  # noqa: ARG002 - part of the protocol
+    ) -> Relaxation:
+        """Prepare the solution for one component; see `Tracker.relaxation`."""
+        precision = paper_precision_diagonal(component, n_steps=n_steps)
+        return Relaxation(modes=None, rates=self.beta * precision)
+
 
 @dataclass(frozen=True, kw_only=True)
-class ProportionalTracker(_GainTracker):
+class ProportionalTracker(ExponentialTracker):
     """Proportional controller (17): one Euler step per tick.
 
     diag(Sigma^-1) is that of the paper's 2T weights per channel, so gains equal those of
@@ -248,46 +283,6 @@ class ProportionalTracker(_GainTracker):
                 "for every beta."
             )
         return Relaxation(modes=None, rates=self.beta * precision, euler_tick=tick)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExponentialTracker(_GainTracker):
-    """Exact solution of dw/dt = beta diag(Sigma^-1) (mu - w).
-
-    (17) is its Euler step. It is stable for every gain and exact at every time.
-
-    Attributes
-    ----------
-    beta : float
-        The gain of (17), positive.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from fmp_drake.primitives import ExponentialTracker
-    >>> from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-    >>> component = LowRankGaussian(
-    ...     mean=np.zeros(8),
-    ...     basis=np.eye(8)[:, :1],
-    ...     variances=np.array([1.0]),
-    ...     noise=0.01,
-    ... )
-    >>> tracker = ExponentialTracker(beta=0.1)
-    >>> relaxation = tracker.relaxation(component, n_steps=8, tick=0.1)
-    >>> print(relaxation.after(np.ones(8), component.mean, 0.5).round(2)[:2])
-    [0.99 0.54]
-    """
-
-    def relaxation(
-        self,
-        component: LowRankGaussian,
-        *,
-        n_steps: int,
-        tick: float,  # noqa: ARG002 - part of the protocol
-    ) -> Relaxation:
-        """Prepare the solution for one component; see `Tracker.relaxation`."""
-        precision = paper_precision_diagonal(component, n_steps=n_steps)
-        return Relaxation(modes=None, rates=self.beta * precision)
 
 
 def paper_precision_diagonal(component: LowRankGaussian, *, n_steps: int) -> Array:

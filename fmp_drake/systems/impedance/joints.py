@@ -74,21 +74,13 @@ class JointLimits(NamedTuple):
     upper_effort: Array
 
     @classmethod
-    def between(
-        cls,
-        lower: Array,
-        upper: Array,
-        *,
-        speed: Array,
-        lower_effort: Array,
-        upper_effort: Array,
-    ) -> Self:
-        """Make them from a lower and an upper limit of the position, rad."""
+    def between(cls, lower: Array, upper: Array, **others: Array) -> Self:
+        """Make them from a lower and an upper limit of the position, rad, and the others."""
         two_sided = np.isfinite(lower) & np.isfinite(upper)
         middle = np.zeros(len(lower))
         middle[two_sided] = 0.5 * (lower[two_sided] + upper[two_sided])
         half_range = np.minimum(upper - middle, middle - lower)
-        return cls(middle, half_range, speed, lower_effort, upper_effort)
+        return cls(middle, half_range, **others)
 
 
 class WallTorque(NamedTuple):

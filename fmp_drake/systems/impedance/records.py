@@ -423,8 +423,7 @@ def initial_memory(stiffness: Array, *, tank_energy: float) -> Array:
     memory["tank_energy"] = tank_energy
     memory["target_R"] = memory["held_R"] = np.eye(3)
     memory["stiffness"] = stiffness
-    floats: Array = memory.view(np.float64)
-    return floats
+    return memory.view(np.float64)
 
 
 @inlined

@@ -327,8 +327,7 @@ def cleaned_history(
     if not moments.size:
         return np.ones(np.shape(times))
     clean = np.searchsorted(moments, np.asarray(times, dtype=float), side="right")
-    fraction: Array = clean / moments.size
-    return fraction
+    return clean / moments.size
 
 
 def times_to_clean(times: ArrayLike, cleaned: ArrayLike) -> dict[float, float | None]:

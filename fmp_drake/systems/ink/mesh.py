@@ -69,10 +69,9 @@ def ink_colours(ink: ArrayLike, *, srgb: bool = False) -> Array:
     if not srgb:
         return linear
     # IEC 61966-2-1.
-    encoded: Array = np.where(
+    return np.where(
         linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055
     )
-    return encoded
 
 
 _COLOURS = ink_colours(np.arange(LEVELS + 1) / LEVELS).T
@@ -98,8 +97,7 @@ def corner_shades(ink: ArrayLike) -> ShadeArray:
     wide[0, 1:-1], wide[-1, 1:-1] = cells[0], cells[-1]
     wide[:, 0], wide[:, -1] = wide[:, 1], wide[:, -2]
     pairs = wide[:, 1:] + wide[:, :-1]
-    mean: ShadeArray = (pairs[1:] + pairs[:-1] + np.uint8(2)) >> np.uint8(2)
-    return mean
+    return (pairs[1:] + pairs[:-1] + np.uint8(2)) >> np.uint8(2)
 
 
 def ink_mesh(

@@ -33,8 +33,9 @@ class ArmModel:
         _check_plant(plant)
         self._plant = plant
         self._end_effector = end_effector
-        self._world = plant.world_frame()
-        self._origin = np.zeros(3)
+        world, origin = plant.world_frame(), np.zeros(3)
+        # Derivatives of the pose of E in W, expressed in W, with respect to v.
+        self._of_E = JacobianWrtVariable.kV, end_effector, origin, world, world
 
     def declare_context(self, system: LeafSystem) -> CacheIndex:
         """Declare a Context of the plant that a system overwrites at every use."""
@@ -64,14 +65,7 @@ class ArmModel:
             state = np.zeros_like(state)
         plant.SetPositionsAndVelocities(plant_context, state)
         X_WE = self._end_effector.CalcPoseInWorld(plant_context).GetAsMatrix34()
-        A_WE_bias = plant.CalcBiasSpatialAcceleration(
-            plant_context,
-            JacobianWrtVariable.kV,
-            self._end_effector,
-            self._origin,
-            self._world,
-            self._world,
-        )
+        A_WE_bias = plant.CalcBiasSpatialAcceleration(plant_context, *self._of_E)
         # Drake's matrices are stored by columns; their transposes by rows.
         return (
             is_finite,
@@ -79,25 +73,15 @@ class ArmModel:
             plant.CalcMassMatrix(plant_context).T,
             plant.CalcBiasTerm(plant_context),
             X_WE.T,
-            self._jacobian(plant_context).T,
+            plant.CalcJacobianSpatialVelocity(plant_context, *self._of_E).T,
             A_WE_bias.get_coeffs(),
             plant.CalcGravityGeneralizedForces(plant_context),
-        )
-
-    def _jacobian(self, plant_context: Context) -> Array:
-        return self._plant.CalcJacobianSpatialVelocity(
-            plant_context,
-            JacobianWrtVariable.kV,
-            self._end_effector,
-            self._origin,
-            self._world,
-            self._world,
         )
 
     def jacobian(self, plant_context: Context, state: Array) -> Array:
         """Return J of V_WE, shape (6, n), at a finite state, shape (2n,)."""
         self._plant.SetPositionsAndVelocities(plant_context, state)
-        return self._jacobian(plant_context)
+        return self._plant.CalcJacobianSpatialVelocity(plant_context, *self._of_E)
 
     def motion(self, plant_context: Context, state: Array) -> tuple[Array, Array]:
         """Return the arguments of `measured_motion`: transposed X_WE (4, 3), V_WE (6,).

@@ -13,10 +13,15 @@ from typing import Any
 from pydrake.common.value import Value
 from pydrake.geometry import ContactSurface
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
-from pydrake.multibody.plant import ContactResults, MultibodyPlant
-from pydrake.multibody.tree import RigidBody
+from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.plant import (
+    ContactResults,
+    ExternallyAppliedSpatialForce,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import (
+    BasicVector,
     CacheIndex,
     Context,
     DependencyTicket,
@@ -24,6 +29,8 @@ from pydrake.systems.framework import (
     LeafSystem,
     ValueProducer,
 )
+
+from fmp_drake.numeric import Array
 
 
 def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
@@ -43,15 +50,13 @@ def declare_cache(
     name: str,
     calc: Callable[[Any, Any], None],
     prerequisites: set[DependencyTicket],
-    *,
-    allocate: Callable[[], Any] = Value[object],
 ) -> CacheIndex:
     """Declare a cache entry that a method of its system computes.
 
     `eval_cache` evaluates it; its ticket is ``system.cache_entry_ticket(index)``.
     """
     return system.DeclareCacheEntry(
-        name, ValueProducer(allocate=allocate, calc=weakly(calc)), prerequisites
+        name, ValueProducer(allocate=Value[object], calc=weakly(calc)), prerequisites
     ).cache_index()
 
 
@@ -102,6 +107,61 @@ def declare_bodies(system: LeafSystem) -> tuple[InputPort, InputPort]:
             "body_spatial_velocities", Value[list[SpatialVelocity]]()
         ),
     )
+
+
+def declare_spatial_forces(
+    system: LeafSystem,
+    calc: Callable[[Any, Any], None],
+    prerequisites: set[DependencyTicket],
+) -> None:
+    """Declare an output port `spatial_forces`, a list for a plant."""
+    system.DeclareAbstractOutputPort(
+        "spatial_forces",
+        Value[list[ExternallyAppliedSpatialForce]],
+        weakly(calc),
+        prerequisites_of_calc=prerequisites,
+    )
+
+
+def declare_number(
+    system: LeafSystem,
+    name: str,
+    calc: Callable[[Context, BasicVector], None],
+    prerequisites: set[DependencyTicket],
+) -> None:
+    """Declare an output port of size 1."""
+    system.DeclareVectorOutputPort(name, 1, calc, prerequisites_of_calc=prerequisites)
+
+
+def spatial_force(
+    body: int, p_BoBq_B: Array, torque_W: Array, force_W: Array
+) -> ExternallyAppliedSpatialForce:
+    """Return a spatial force on a body for a plant.
+
+    Parameters
+    ----------
+    body : int
+        Index of the body B.
+    p_BoBq_B : array, shape (3,)
+        Point of application Bq, in B, m.
+    torque_W, force_W : array, shape (3,)
+        In W, Nm and N.
+    """
+    applied = ExternallyAppliedSpatialForce()
+    applied.body_index = BodyIndex(body)
+    applied.p_BoBq_B = p_BoBq_B
+    applied.F_Bq_W = SpatialForce(torque_W, force_W)
+    return applied
+
+
+def eval_number(
+    port: InputPort, context: Context, default: float | None = None
+) -> float:
+    """Return the value of a port of size 1, or the default of one that has none."""
+    if default is not None and not port.HasValue(context):
+        return default
+    value: Any = port.Eval(context)
+    return float(value[0])
 
 
 def eval_cache(system: LeafSystem, index: CacheIndex, context: Context) -> Any:

@@ -1,7 +1,7 @@
 """The plan in Meshcat: the next desired positions with their covariances."""
 
 import colorsys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,9 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import Array, as_floats, check_number
-from fmp_drake.primitives.data.channels import Quaternion
+from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.primitives.data.orientation import rotations_of
+from fmp_drake.systems.interface.callbacks import eval_number
 from fmp_drake.systems.page.paths import (
     LIFT,
     covariance_band,
@@ -32,6 +33,7 @@ TUBE_COLOR = Rgba(0.20, 0.75, 0.40, 0.28)
 _PERIOD = 0.256
 
 
+_POSITION = ChannelRoles(position=(0, 1, 2))
 # Axes along the plan: how many, and their length, m.
 _AXES, _AXIS_LENGTH = 7, 0.03
 _AXIS_COLORS = (Rgba(0.85, 0.1, 0.1), Rgba(0.1, 0.6, 0.1), Rgba(0.1, 0.2, 0.9))
@@ -62,14 +64,8 @@ class PlanVisualizer(LeafSystem):
         n.
     component_paths : sequence of ndarray, shape (T, 3)
         Mean path in B of each component, m.
-    channels : int
-        D.
-    position : sequence of 3 ints
-        Indices of x, y and z among the channels.
-    rotation : sequence of 3 ints
-        Indices of rx, ry and rz; empty for a skill without orientation.
-    reference : tuple of 4 floats, optional
-        Quaternion (x, y, z, w) of the rotation channels.
+    roles : ChannelRoles
+        Of the D channels.
     surface : Surface
         Of the board; over a curved one positions are (u, v, h).
     path : str
@@ -91,10 +87,7 @@ class PlanVisualizer(LeafSystem):
         *,
         points: int,
         component_paths: Iterable[ArrayLike] = (),
-        channels: int = 3,
-        position: Sequence[int] = (0, 1, 2),
-        rotation: Sequence[int] = (),
-        reference: Quaternion | None = None,
+        roles: ChannelRoles = _POSITION,
         path: str = "plan",
         show_plan: bool = True,
         show_tube: bool = True,
@@ -112,8 +105,7 @@ class PlanVisualizer(LeafSystem):
         self._path, self._surface = path, surface
         self._show_plan, self._show_tube = show_plan, show_tube
         self._show_component = show_component and len(self._component_paths) > 0
-        self._channels, self._position = channels, list(position)
-        self._rotation, self._reference = list(rotation), reference
+        self._roles, channels = roles, roles.count
         self._plan = self.DeclareVectorInputPort("plan", channels * points)
         self._covariance = self.DeclareVectorInputPort(
             "plan_covariance", channels**2 * points
@@ -128,11 +120,10 @@ class PlanVisualizer(LeafSystem):
 
     def _plan_values(self, context: Context) -> Array:
         plan: Any = self._plan.Eval(context)
-        return np.asarray(plan).reshape(-1, self._channels)
+        return np.asarray(plan).reshape(-1, self._roles.count)
 
     def _active(self, context: Context) -> int:
-        component: Any = self._component.Eval(context)
-        return int(component[0])
+        return int(eval_number(self._component, context))
 
     def _redraw(self, context: Context) -> None:
         self._meshcat.Delete(self._path)
@@ -152,7 +143,7 @@ class PlanVisualizer(LeafSystem):
 
     def _draw_plan(self, context: Context) -> None:
         values = self._plan_values(context)
-        plan = values[:, self._position]
+        plan = values[:, self._roles.position]
         if self._show_plan:
             self._draw_axes(values)
             draw_rod(
@@ -166,10 +157,9 @@ class PlanVisualizer(LeafSystem):
             )
         if self._show_tube:
             covariance: Any = self._covariance.Eval(context)
-            covariance = np.asarray(covariance).reshape(
-                -1, self._channels, self._channels
-            )
-            rows = np.ix_(range(len(plan)), self._position, self._position)
+            roles = self._roles
+            covariance = np.asarray(covariance).reshape(-1, roles.count, roles.count)
+            rows = np.ix_(range(len(plan)), roles.position, roles.position)
             vertices, faces = covariance_band(lifted(plan), covariance[rows])
             self._meshcat.SetTriangleMesh(
                 f"{self._path}/tube",
@@ -180,13 +170,13 @@ class PlanVisualizer(LeafSystem):
 
     def _draw_axes(self, values: Array) -> None:
         """Draw the orientation of the tool at some points of the plan (n, D)."""
-        if self._reference is None or not self._rotation:
+        roles = self._roles
+        if roles.reference is None or roles.rotation is None:
             return
         rows = np.linspace(0, len(values) - 1, _AXES).astype(int)
-        uvh = np.ascontiguousarray(values[rows][:, self._position])
-        R_BE = rotations_of(
-            values[rows][:, self._rotation], self._reference
-        ).as_matrix()
+        uvh = np.ascontiguousarray(values[rows][:, roles.position])
+        phi = values[rows][:, roles.rotation]
+        R_BE = rotations_of(phi, roles.reference).as_matrix()
         if not self._surface.is_plane:
             R_BE = rotations(self._surface, uvh) @ R_BE
         start = on_surface(uvh.T, self._surface)

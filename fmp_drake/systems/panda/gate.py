@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, check_number
 from fmp_drake.settings import bounded
 from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.panda.arm_status import (
@@ -114,11 +114,8 @@ class GateConfig:
         for i, (torque, effort) in enumerate(
             zip(self.max_torque, efforts, strict=False)
         ):
-            if torque > effort:
-                raise SystemsError(
-                    f"max_torque[{i}] is {torque}; it must be at most {effort:g}, the "
-                    "limit of the arm."
-                )
+            what, hint = f"max_torque[{i}]", "the limit of the arm"
+            check_number(torque, what, most=effort, hint=hint, error=SystemsError)
         if len(self.max_torque) not in (0, len(efforts)):
             raise SystemsError(
                 f"max_torque is {self.max_torque}; expected {len(efforts)} numbers."

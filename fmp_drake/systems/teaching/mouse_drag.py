@@ -132,8 +132,7 @@ class BoardSurface(NamedTuple):
     def coordinates(self, p_W: Array) -> Array:
         """Return (u, v, h) of a point, m."""
         p_B = self.X_WB[:, :3].T @ (p_W - self.X_WB[:, 3])
-        uvh: Array = surfaces.project(self.curvature, p_B, np.zeros(2))
-        return uvh
+        return surfaces.project(self.curvature, p_B, np.zeros(2))
 
     def height(self, p_W: Array) -> float:
         """Return the height of a point over the board, m."""
@@ -142,16 +141,14 @@ class BoardSurface(NamedTuple):
     def normal(self, p_W: Array) -> Array:
         """Return the normal out of the board next to a point, in W."""
         u, v, _ = self.coordinates(p_W)
-        normal: Array = self.X_WB[:, :3] @ surfaces.rotation(self.curvature, u, v)[:, 2]
-        return normal
+        return self.X_WB[:, :3] @ surfaces.rotation(self.curvature, u, v)[:, 2]
 
     def clamped(self, p_W: Array) -> Array:
         """Return the nearest point over the area for the tool."""
         uvh = self.coordinates(p_W)
         uvh[:2] = np.clip(uvh[:2], -self.half_size, self.half_size)
         p_B = surfaces.place(self.curvature, uvh[None])[0]
-        nearest: Array = self.X_WB[:, 3] + self.X_WB[:, :3] @ p_B
-        return nearest
+        return self.X_WB[:, 3] + self.X_WB[:, :3] @ p_B
 
     def ray_intersection(
         self, cursor: Array, *, eye: Array, point: Array
@@ -224,8 +221,7 @@ def no_drag() -> Array:
     state = np.zeros(1, STATE)
     state["message"] = np.nan
     state["interval"] = 1 / 60
-    floats: Array = state.view(np.float64)
-    return floats
+    return state.view(np.float64)
 
 
 def cursor_of(

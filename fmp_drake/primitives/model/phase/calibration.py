@@ -314,8 +314,7 @@ def calibrate_playback(
 
 def _squares(errors: Array) -> Array:
     """Return the outer products (..., D, D) of errors (..., D) with themselves."""
-    out: Array = errors[..., :, None] * errors[..., None, :]
-    return out
+    return errors[..., :, None] * errors[..., None, :]
 
 
 def _part_means(values: Array, part: Indices) -> tuple[Array, Array]:

@@ -163,8 +163,7 @@ class CycleHistory:
         """
         count = np.arange(len(self.shifts)) - (len(self.shifts) - 1) / 2
         spread = max(float(count @ count), 1.0)
-        out: Array = count @ self.shifts / spread * (len(count) - 1)
-        return out
+        return count @ self.shifts / spread * (len(count) - 1)
 
 
 def _end_weights(phase: Array) -> Array:
@@ -172,8 +171,7 @@ def _end_weights(phase: Array) -> Array:
     path = np.maximum.accumulate(phase) - phase[0]
     ramp = max(min(_RAMP, path[-1] / 2), 1e-9)
     margin = np.minimum(path, path[-1] - path) + 0.5 * path[-1] / len(phase)
-    out: Array = np.sin(np.pi / 2 * np.minimum(margin / ramp, 1.0)) ** 2
-    return out
+    return np.sin(np.pi / 2 * np.minimum(margin / ramp, 1.0)) ** 2
 
 
 def _rows(phase: Array, harmonics: int, derivative: int) -> Array:

@@ -167,8 +167,7 @@ def parabola_top(values: Array, top: int) -> float:
 def window_sums(values: Array, size: int) -> Array:
     """Return the sums of values (n, ...) in windows, shape (n - size + 1, ...)."""
     sums = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
-    out: Array = sums[size:] - sums[:-size]
-    return out
+    return sums[size:] - sums[:-size]
 
 
 def similarity(values: Array, lag: int, width: int) -> Array:

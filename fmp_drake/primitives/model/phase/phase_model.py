@@ -186,8 +186,7 @@ class PhaseModel:
         covariance = self.residual.shaped_covariance(path, v) + _NOISE * np.eye(k * d)
         covariance += (rates[:, :, None, None] * cross[:, None]).reshape(k * d, k * d)
         error = (past - self.cycle.values(path)).ravel()
-        out: Array = path + cross.reshape(k, k * d) @ np.linalg.solve(covariance, error)
-        return out
+        return path + cross.reshape(k, k * d) @ np.linalg.solve(covariance, error)
 
     def transformed(self, matrix: Array, offset: Array) -> "PhaseModel":
         """Return the model of A y + b for a matrix (D, D) and an offset (D,)."""

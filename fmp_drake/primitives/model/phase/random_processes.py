@@ -162,8 +162,7 @@ def _run(values: Array, coefficients: Array) -> None:
 def _root(covariance: Array) -> Array:
     """Return a matrix R with R R' the covariance."""
     variances, vectors = np.linalg.eigh(covariance)
-    out: Array = vectors * np.sqrt(np.maximum(variances, 0))
-    return out
+    return vectors * np.sqrt(np.maximum(variances, 0))
 
 
 def _companion(coefficients: Array) -> Array:
@@ -349,8 +348,7 @@ class Residual:
 
     def values(self, phase: Array, v: Array) -> Array:
         """Return L v at phases (..., n), for v (..., n, D)."""
-        out: Array = (self.factor(phase) @ v[..., None])[..., 0]
-        return out
+        return (self.factor(phase) @ v[..., None])[..., 0]
 
     def standardised(self, phase: Array, values: Array) -> Array:
         """Return the v (..., n, D) of residuals (..., n, D) at phases (..., n)."""
