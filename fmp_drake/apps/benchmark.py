@@ -8,19 +8,9 @@ import click
 from fmp_drake.apps.options import PATH, Command, option, options
 from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.errors import FmpError
-from fmp_drake.experiments.benchmark import all_methods, run_benchmark, write_benchmark
+from fmp_drake.experiments.benchmark import run_benchmark, write_benchmark
 from fmp_drake.experiments.benchmark.cleaning import run_cleaning
 from fmp_drake.processes import LocalWorkers
-
-
-def _list_methods(
-    context: click.Context, _parameter: click.Parameter, is_requested: bool
-) -> None:
-    """Print the names of the methods, and exit."""
-    if is_requested:
-        for name in all_methods():
-            click.echo(name)
-        context.exit()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,9 +30,6 @@ class BenchmarkOptions:
         None,
         "Instead measure how soon each method cleans the board with the movement of this "
         "recording.",
-    )
-    list: bool = option(
-        False, "List the methods and exit.", is_eager=True, callback=_list_methods
     )
 
 

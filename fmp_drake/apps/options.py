@@ -37,7 +37,6 @@ _MOST_OPTIONS = 12
 # Former names of options, which still work, with the present ones.
 _FORMER = {
     "--components": "--n-components",
-    "--demos": "--folder",
     "--hand": "--task",
     "--no-torque": "--dry",
     "--page": "--markdown",

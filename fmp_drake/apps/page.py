@@ -80,7 +80,7 @@ def open_page(
     return panel
 
 
-def get_ready(panel: PagePanel, scenario: Scenario, *, visuals: str = "own") -> None:
+def get_ready(panel: PagePanel, scenario: Scenario) -> None:
     """Show a scenario at rest during learning and compilation."""
     panel.show(
         mode="getting ready",
@@ -88,7 +88,7 @@ def get_ready(panel: PagePanel, scenario: Scenario, *, visuals: str = "own") -> 
         detail="a few seconds; up to half a minute the first time on a machine",
         progress=0.1,
     )
-    ShowStill(scenario, panel.meshcat, visuals=visuals)
+    ShowStill(scenario, panel.meshcat)
 
 
 def wait_for_law(

@@ -7,14 +7,11 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from fmp_drake.apps.options import DEMONSTRATION_FLAGS, Command, option, options
+from fmp_drake.apps.options import Command, option, options
 from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.experiments import FULL, QUICK, Profile, write_report
-from fmp_drake.experiments.benchmark import run_benchmark
-from fmp_drake.experiments.benchmark.findings import benchmark_findings
 from fmp_drake.experiments.report import Section
-from fmp_drake.experiments.reproduction import load_own, run_experiments
-from fmp_drake.processes import LocalWorkers
+from fmp_drake.experiments.reproduction import run_experiments
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,14 +20,6 @@ class ReproduceOptions:
 
     out: Path = option(help="Folder to write into.")
     quick: bool = option(False, "Fewer samples and seeds: 1 to 2 minutes.")
-    demonstrations: tuple[Path, ...] = option(
-        (),
-        "Also compare the methods on this recording; may be repeated.",
-        flags=DEMONSTRATION_FLAGS,
-    )
-    folder: Path | None = option(
-        None, "Also run the benchmark on the recordings in this folder."
-    )
 
 
 @click.command(
@@ -44,7 +33,6 @@ def reproduce(to: ReproduceOptions) -> None:
     """Rerun the paper's experiments and write a report with figures and tables."""
     console = make_console()
     profile = QUICK if to.quick else FULL
-    others = {path: load_own(path) for path in to.demonstrations}
     make_folder(to.out)
 
     start = time.perf_counter()
@@ -56,17 +44,7 @@ def reproduce(to: ReproduceOptions) -> None:
             if not console.is_terminal:
                 console.print(line)
 
-        sections, results = run_experiments(profile, others, progress)
-        if to.folder is not None:
-            scores = run_benchmark(
-                to.folder,
-                to.out,
-                LocalWorkers(1),
-                instants=profile.instants,
-                progress=progress,
-            )
-            findings = benchmark_findings(scores)
-            sections.append((f"Benchmark: recordings in {to.folder.name}", findings))
+        sections, results = run_experiments(profile, progress)
     results["seconds"] = time.perf_counter() - start
     write_report(
         to.out, sections=sections, introduction=_introduction(profile), results=results

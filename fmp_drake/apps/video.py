@@ -8,7 +8,6 @@ import click
 
 from fmp_drake.apps.options import PATH, Command, option, options
 from fmp_drake.apps.page import make_console, track_frames
-from fmp_drake.errors import FmpError
 from fmp_drake.film.encode import convert_frames
 from fmp_drake.primitives.data.files import check_writable
 
@@ -18,7 +17,6 @@ class VideoOptions:
     """Film."""
 
     fps: int = option(60, "Frames per second of the film.", above=0)
-    overwrite: bool = option(False, "Replace an existing film.")
 
 
 @click.command(
@@ -36,7 +34,5 @@ def video(frames: Path, out: Path, to: VideoOptions) -> None:
     Needs the extra: pip install fmp-drake[video].
     """
     check_writable(out)
-    if out.exists() and not to.overwrite:
-        raise FmpError(f"{out} already exists; give --overwrite to replace it.")
     convert_frames(frames, out, fps=to.fps, track=partial(track_frames, make_console()))
     click.echo(f"wrote {out}")

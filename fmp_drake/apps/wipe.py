@@ -46,7 +46,6 @@ from fmp_drake.skills.description import model_in_words, source_in_words
 from fmp_drake.station import Scenario
 from fmp_drake.station.page import describe_page
 from fmp_drake.station.reach.feasibility import CheckFeasibility, Feasibility
-from fmp_drake.station.robots.robot import VISUALS
 from fmp_drake.station.scenario_parts import ShowConfig
 from fmp_drake.station.warm_up import LawCompilation
 from fmp_drake.systems.page.page_panel import Level, PagePanel
@@ -110,12 +109,6 @@ class PageOptions:
         "Part that the page does not show; may be repeated.",
         basic=False,
         type=click.Choice(list(vars(ShowConfig()))),
-    )
-    visuals: str = option(
-        VISUALS[0],
-        "Meshes of the arm: those of this package, or official ones, which Drake downloads.",
-        basic=False,
-        type=click.Choice(VISUALS),
     )
     host: str = host_option()
 
@@ -187,7 +180,7 @@ def wipe(
         panel = open_page(announce, title=title, host=page.host)
     with ended_page(panel):
         if panel is not None and config is None and not page.headless:
-            get_ready(panel, scenario, visuals=page.visuals)
+            get_ready(panel, scenario)
         start = time.perf_counter()
         skill, demonstrations, remarks = scenario_skill(
             scenario,
@@ -244,7 +237,6 @@ def wipe(
             demonstrations=demonstrations,
             sample=play.sample,
             seed=play.seed,
-            visuals=page.visuals,
             meshcat=None if panel is None else panel.meshcat,
             panel=panel,
             recording=files.html is not None,

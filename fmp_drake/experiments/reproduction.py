@@ -3,13 +3,11 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.errors import FmpError
 from fmp_drake.experiments.baselines.method import RATE
 from fmp_drake.experiments.benchmark.built_in import ABLATIONS, FMP, MixtureFMP
 from fmp_drake.experiments.benchmark.findings import benchmark_findings, mean_values
@@ -26,18 +24,11 @@ from fmp_drake.experiments.comparison import (
     BINS,
     FLOOR,
     N_STEPS,
-    PAPER_STRIDE,
     draw_paths,
     millimetres,
 )
 from fmp_drake.experiments.report import Finding, Profile, Section
-from fmp_drake.experiments.section_v import (
-    eight,
-    learn_and_sample,
-    polishing,
-    table_one,
-    table_rows,
-)
+from fmp_drake.experiments.section_v import eight, polishing
 from fmp_drake.primitives import (
     PAPER_SETTINGS,
     Demonstration,
@@ -60,17 +51,13 @@ _FEW_CYCLES = "8"
 
 
 def run_experiments(
-    profile: Profile,
-    others: Mapping[Path, Demonstration],
-    progress: Progress,
+    profile: Profile, progress: Progress
 ) -> tuple[list[Section], dict[str, Any]]:
     """Run all experiments; return the sections of the report and the results.
 
     Parameters
     ----------
     profile : Profile
-    others : mapping of pathlib.Path to Demonstration
-        Recordings of the user, from `load_own`.
     progress : callable
         Called with a message about each step.
     """
@@ -87,60 +74,18 @@ def run_experiments(
     sections.append(("8-shape (V-C)", findings))
     progress("wiping: Fig. 10, and with the robot")
     sections.append(("Wiping (V-D)", wiping(bundled["wiping"], profile)))
-    results: dict[str, Any] = {
-        "table1": table,
-        "settings": _settings(profile),
-        "demonstrations": {},
-    }
+    results: dict[str, Any] = {"table1": table, "settings": _settings(profile)}
     scores = score_demonstrations(
         {task: bundled[task] for task in profile.tasks}, profile, progress
     )
     results["held_out"] = {name: asdict(method) for name, method in scores.items()}
     sections.append(("Held out (beyond the paper)", held_out_findings(scores)))
-    own_findings = []
-    for path, demonstration in others.items():
-        progress(f"{path.name}: Table I")
-        finding, row = _own(path, demonstration, profile)
-        results["demonstrations"][path.stem] = row
-        own_findings.append(finding)
-    if own_findings:
-        sections.append(("Your recordings", own_findings))
     results["findings"] = {
         f.name: {"shows": f.shows, "claim": f.claim, "agrees": f.agrees}
         for _, group in sections
         for f in group
     }
     return sections, results
-
-
-def load_own(path: Path) -> Demonstration:
-    """Load a recording; its two widest channels, those of the heatmaps, are first."""
-    demonstration = Demonstration.load(path)
-    shortest = (N_STEPS + PAPER_STRIDE) / RATE
-    if demonstration.duration < shortest or demonstration.n_channels < 2:
-        raise FmpError(
-            f"{path.name} lasts {demonstration.duration:.3g} s and has "
-            f"{demonstration.n_channels} channels; the experiments need at least "
-            f"{shortest:g} s and 2 channels."
-        )
-    order = np.argsort(-np.ptp(demonstration.values, axis=0), kind="stable")
-    return demonstration.select([demonstration.channels[i] for i in order])
-
-
-def _own(
-    path: Path, demonstration: Demonstration, profile: Profile
-) -> tuple[Finding, dict[str, dict[str, float]]]:
-    recording = demonstration.resample(RATE)
-    _, samples = learn_and_sample(recording, profile)
-    table = table_one(samples, recording.values)
-    finding = Finding(
-        name=f"own_{path.stem}",
-        title=f"Table I on {path.name}",
-        shows=f"{recording.duration:.1f} s in the plane of "
-        f"{' and '.join(recording.channels[:2])}.",
-        table=table_rows(table),
-    )
-    return finding, table
 
 
 def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:

@@ -72,7 +72,7 @@ class StationRun:
         Names in `SIGNALS` of the signals to keep for `log` and `save_log`; names that the
         station does not have are ignored.
     **station
-        Further options of `MakeStation`, such as driver, start, q, sample and visuals.
+        Further options of `MakeStation`, such as driver, start, q and sample.
 
     Attributes
     ----------

@@ -98,7 +98,6 @@ def AddBoardScene(
     *,
     start: ArrayLike,
     q: ArrayLike | None = None,
-    visuals: str = "own",
     simulated: bool = True,
 ) -> BoardScene:
     """Add the plant with arm, eraser and board, the eraser held at a start.
@@ -111,8 +110,6 @@ def AddBoardScene(
         p_BE, m, in the frame of the assumed board.
     q : array_like, shape (n,), optional
         Initial joint angles instead of those for the start, rad.
-    visuals : str
-        Of the arm: `own` or `drake_models`.
     simulated : bool
         Whether the plant is simulated, or only describes a real robot.
 
@@ -134,7 +131,7 @@ def AddBoardScene(
     else:
         plant, scene_graph = MultibodyPlant(time_step=0.0), SceneGraph()
         plant.RegisterAsSourceForSceneGraph(scene_graph)
-    robot = AddRobot(plant, config, scenario.held_tool(), visuals=visuals)
+    robot = AddRobot(plant, config, scenario.held_tool())
     for instance in (robot.arm, robot.tool):
         plant.set_gravity_enabled(instance, False)
     board = scenario.board

@@ -90,7 +90,7 @@ def AddBodies(builder: DiagramBuilder, scene: BoardScene, meshcat: Meshcat) -> N
     SetStage(meshcat, eye=camera.eye, target=camera.target)
 
 
-def ShowStill(scenario: Scenario, meshcat: Meshcat, *, visuals: str = "own") -> None:
+def ShowStill(scenario: Scenario, meshcat: Meshcat) -> None:
     """Show arm, eraser and board at rest, before there is a station.
 
     Parameters
@@ -98,8 +98,6 @@ def ShowStill(scenario: Scenario, meshcat: Meshcat, *, visuals: str = "own") -> 
     scenario : Scenario
     meshcat : Meshcat
         A station with a page clears it before it draws.
-    visuals : str
-        Of the arm: `own` or `drake_models`.
     """
     builder = DiagramBuilder()
     scene = AddBoardScene(
@@ -107,7 +105,6 @@ def ShowStill(scenario: Scenario, meshcat: Meshcat, *, visuals: str = "own") -> 
         scenario,
         start=scenario.start,
         q=scenario.preferred_posture(),
-        visuals=visuals,
     )
     AddBodies(builder, scene, meshcat)
     diagram = builder.Build()

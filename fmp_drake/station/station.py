@@ -54,7 +54,6 @@ def MakeStation(
     tracker: Tracker | None = None,
     sample: bool | None = None,
     seed: int | None = None,
-    visuals: str = "own",
     meshcat: Meshcat | None = None,
     panel: PagePanel | None = None,
     demonstrated: Sequence[NDArray[np.float64]] = (),
@@ -132,8 +131,6 @@ def MakeStation(
         As for `FourierPrimitiveSystem`.
     sample, seed : optional
         Instead of the scenario's.
-    visuals : str
-        Of the arm: `own`, or `drake_models` for those that Drake downloads.
     meshcat : Meshcat, optional
         Page of the scene, with the items of the scenario's `show`.
     panel : PagePanel, optional
@@ -155,7 +152,7 @@ def MakeStation(
     3
     """
     if not isinstance(operator, FourierMovementPrimitive | None):
-        return _MakeTeachingStation(scenario, operator, start, q, visuals, meshcat)
+        return _MakeTeachingStation(scenario, operator, start, q, meshcat)
     if operator is not None:
         CheckForceChannel(scenario, SkillRoles(operator))
     builder = DiagramBuilder()
@@ -165,7 +162,6 @@ def MakeStation(
         scenario,
         start=scenario.start if start is None else start,
         q=q,
-        visuals=visuals,
         simulated=isinstance(driver, SimulatedDriver),
     )
     controller = AddArmController(
@@ -330,14 +326,13 @@ def _MakeTeachingStation(
     hand: TeachingHand,
     start: ArrayLike | None,
     q: ArrayLike | None,
-    visuals: str,
     meshcat: Meshcat | None,
 ) -> Diagram:
     """Build a station where a hand guides the gravity-compensated arm."""
     builder = DiagramBuilder()
     if start is None:
         start = scenario.start if hand.start is None else hand.start
-    scene = AddBoardScene(builder, scenario, start=start, q=q, visuals=visuals)
+    scene = AddBoardScene(builder, scenario, start=start, q=q)
     plant = scene.plant
     recorded = hand.recorded(scenario)
     config = TURNING if "measured_pose" in recorded else GUIDING

@@ -102,12 +102,10 @@ QUANTITIES = {
     "corrupt": Quantity((NetworkFaults,)),
     "jitter": Quantity((NetworkFaults,)),
     "host": Quantity((PagePanel,)),
-    "visuals": Quantity((MakeStation,)),
     "fps": Quantity((FilmReel, convert_frames)),
     "speed": Quantity((FilmReel,)),
     "width": Quantity((film_run,)),
     "method": Quantity((run_benchmark, run_cleaning)),
-    "folder": Quantity((run_benchmark,)),
     "count": Quantity((run_trials,)),
     "force": Quantity((run_trials,)),
     "jobs": Quantity(),
@@ -117,7 +115,7 @@ QUANTITIES = {
 # Files, switches and choices that only the command line has.
 ONLY_OPTIONS = {
     *("arm", "as_recorded", "board", "clean", "cluster", "graphviz", "headless"),
-    *("help_all", "hide", "list", "log", "markdown", "out", "overwrite", "page"),
+    *("help_all", "hide", "log", "markdown", "out", "page"),
     *("parquet", "plot", "quick", "real_time", "replay", "report", "go", "dry"),
 }
 # What options of `wipe` about the film begin with.

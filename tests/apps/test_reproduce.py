@@ -1,20 +1,6 @@
-"""Facts about `fmp-drake reproduce`: refusals, and claims that fail."""
+"""Facts about `fmp-drake reproduce`: a refusal, and claims that fail."""
 
 from fmp_drake.experiments.report import Finding
-
-
-def test_recording_that_is_too_short_is_refused(refused, make_npz, tmp_path):
-    demo = make_npz(seconds=5)
-    line = refused("reproduce", "--quick", "--out", tmp_path / "x", "--demo", demo)
-    assert "at least 6.5 s" in line
-    assert not (tmp_path / "x").exists()
-
-
-def test_missing_recording_is_refused(refused, tmp_path):
-    line = refused(
-        "reproduce", "--out", tmp_path / "x", "--demo", tmp_path / "none.npz"
-    )
-    assert "none.npz" in line
 
 
 def test_folder_that_cannot_be_made_is_refused(refused, tmp_path):

@@ -60,15 +60,10 @@ def test_film_plays_the_frames(ffmpeg, command, make_frames, outputs, size):
     assert np.all(np.diff(blue) > 0)
 
 
-def test_existing_film_is_replaced_only_on_request(
-    ffmpeg, command, refused, make_frames, outputs
-):
+def test_existing_film_is_replaced(ffmpeg, command, make_frames, outputs):
     film = outputs / "film.mp4"
-    film.write_bytes(b"precious")
-    frames = make_frames()
-    assert "--overwrite" in refused("video", frames, film)
-    assert film.read_bytes() == b"precious"
-    assert command("video", frames, film, "--overwrite").code == 0
+    film.write_bytes(b"old")
+    assert command("video", make_frames(), film).code == 0
     assert ffmpeg.count_frames_and_secs(str(film))[0] == FRAMES
 
 

@@ -10,7 +10,7 @@ from pydrake.common.yaml import yaml_load_typed
 
 from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.page import open_page
-from fmp_drake.errors import FmpError, RunError
+from fmp_drake.errors import RunError
 from fmp_drake.film import scene as film_scene
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
 from fmp_drake.primitives import Demonstration
@@ -19,7 +19,6 @@ from fmp_drake.runs.log import SIGNALS, RunLog
 from fmp_drake.runs.station_run import WipingRun
 from fmp_drake.skills.learning import bundled_demonstrations, default_demonstration
 from fmp_drake.station.page import BOARD, INK
-from fmp_drake.station.robots.robot import VISUALS
 from fmp_drake.station.scenario import ListScenarios, LoadScenario, Scenario
 from fmp_drake.station.scenario_parts import ShowConfig
 
@@ -219,23 +218,6 @@ def test_unknown_hidden_part_lists_the_parts(refused):
     message = refused("wipe", *SHORT, "--hide", "legs")
     for part in ("legs", *PARTS):
         assert part in message
-
-
-@pytest.mark.parametrize("visuals", VISUALS)
-def test_visuals_are_passed_on(refused, monkeypatch, visuals):
-    def build(*_, visuals, **__):
-        raise FmpError(f"the arm looks like {visuals}.")
-
-    # Files that Drake downloads are missing in a test.
-    monkeypatch.setattr(wipe_module, "MakeRun", build)
-    options = () if visuals == "own" else ("--visuals", visuals)
-    assert f"the arm looks like {visuals}." in refused("wipe", *SHORT, *options)
-
-
-def test_unknown_visuals_list_the_known_ones(refused):
-    message = refused("wipe", *SHORT, "--visuals", "marble")
-    for name in ("marble", *VISUALS):
-        assert name in message
 
 
 # Records ----------------------------------------------------------------------

@@ -389,12 +389,6 @@ def test_installed_package_adds_a_method(monkeypatch):
         all_methods()
 
 
-def test_command_lists_the_methods_without_other_arguments(command):
-    result = command("benchmark", "--list")
-    assert result.out.splitlines()[0] == FMP.name
-    assert len(result.out.splitlines()) == len(METHODS)
-
-
 def test_missing_folder_is_refused(refused, tmp_path):
     out = tmp_path / "x"
     assert "there is no folder" in refused("benchmark", tmp_path / "no", "--out", out)

@@ -8,9 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from matplotlib.text import Text
-from trials_stub import Here
 
-from fmp_drake.apps import reproduce as reproduce_module
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines.gaussian_processes import PeriodicGP
 from fmp_drake.experiments.baselines.method import Method
@@ -55,17 +53,7 @@ FIGURES = (
 
 
 @pytest.fixture(scope="module")
-def own_recording(tmp_path_factory):
-    """30 s of a hand's eight in the y-z plane, without a frame."""
-    path = HandMotion.make("eight", duration=31, seed=5).position[:6000:10]
-    values = np.column_stack([np.zeros(len(path)), path[:, 1], path[:, 0]])
-    file = tmp_path_factory.mktemp("own") / "mine.npz"
-    np.savez(file, time=np.arange(len(path)) / 20, position=values)
-    return file
-
-
-@pytest.fixture(scope="module")
-def reproduced(tmp_path_factory, own_recording):
+def reproduced(tmp_path_factory):
     """The folder that a quick run writes, and what it prints.
 
     Of the numbers of cycles to learn from, which `test_benchmark.py` tests, it has few.
@@ -75,7 +63,7 @@ def reproduced(tmp_path_factory, own_recording):
     from fmp_drake.apps.commands import app
 
     out = tmp_path_factory.mktemp("reproduced") / "made" / "here"
-    call = ["reproduce", "--quick", "--out", str(out), "--demo", str(own_recording)]
+    call = ["reproduce", "--quick", "--out", str(out)]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fmp_drake.experiments.benchmark.splits.CYCLES", (8.0,))
         result = CliRunner().invoke(app, call, catch_exceptions=False)
@@ -103,7 +91,6 @@ def test_results_hold_table_one_the_held_out_scores_and_the_settings(reproduced)
     assert all_cycles["log_density"] > 10
     assert results["settings"]["samples"] == QUICK.samples
     assert results["settings"]["fmp"]["n_components"] == "automatic"
-    assert set(results["demonstrations"]["mine"]) == set(results["table1"])
 
 
 def test_table_one_compares_equal_settings_and_names_the_replay(reproduced):
@@ -219,32 +206,6 @@ def test_held_out_scores_of_a_method_that_cannot_learn(monkeypatch):
     assert (best.name, short.name) == ("held_out_own", "short_own")
     assert "replay" in best.shows
     assert "nan" not in best.shows + short.shows
-
-
-@pytest.mark.parametrize("terminal", [False, True])
-def test_benchmark_of_a_folder_is_a_section_of_the_report(
-    command, tmp_path, monkeypatch, terminal
-):
-    if terminal:  # One without a progress bar.
-        monkeypatch.setenv("FORCE_COLOR", "1")
-        monkeypatch.setenv("TERM", "dumb")
-    # Replaces a minute of the paper's experiments, and most methods.
-    monkeypatch.setattr(
-        reproduce_module, "run_experiments", lambda *_: ([], {"held_out": {}})
-    )
-    monkeypatch.setattr(reproduce_module, "LocalWorkers", lambda _: Here())
-    monkeypatch.setattr("fmp_drake.experiments.benchmark.run.METHODS", (ReplayMethod,))
-    folder, out = tmp_path / "mine", tmp_path / "out"
-    folder.mkdir()
-    phase = np.arange(300) / 6
-    ring = 0.1 * np.column_stack([np.cos(phase), np.sin(phase), 0 * phase])
-    np.savez(folder / "ring.npz", time=np.arange(300) / 20, position=ring)
-    result = command("reproduce", "--quick", "--folder", folder, "--out", out)
-    assert result.code == 0, result
-    assert "Benchmark: recordings in mine" in (out / "report.html").read_text()
-    assert json.loads((out / "method_replay.json").read_text())["predictions"]
-    assert ("8.0 cycles" in result.out) != terminal
-    assert f"wrote {out / 'report.html'}" in result.out.replace("\n", "")
 
 
 def test_report_escapes_its_text(tmp_path):

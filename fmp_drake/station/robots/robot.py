@@ -1,6 +1,5 @@
 """Robots: configuration (a YAML file beside a URDF), models in plants, rigid geometry."""
 
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Box, Capsule, CollisionFilterDeclaration, Role, SceneGraph
-from pydrake.multibody.parsing import PackageMap, Parser
+from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, ModelInstanceIndex
 
@@ -25,14 +24,8 @@ from fmp_drake.station.scenario_parts import (
 )
 from fmp_drake.systems import FrictionConfig, ImpedanceConfig
 
-# Prefix of Drake's own elements.
-ET.register_namespace("drake", "http://drake.mit.edu")
-
 DEFAULT_ROBOT = "panda"
 """Robot of the package that is used where none is named."""
-
-VISUALS = ("own", "drake_models")
-"""Meshes of an arm: its own, or those that Drake downloads."""
 
 Tool = EraserConfig | str
 """An eraser, `spoon`, or a model file (SDF or URDF) with the frames `mount` and `tip`."""
@@ -70,8 +63,6 @@ class RobotConfig:
         Fastest change of any joint torque that it accepts, Nm/s.
     driver : str
         Name of the real arm's `Driver`; empty where it has none.
-    official_visuals : str
-        A description in Drake's package drake_models, with visuals for the same links.
     joint_names : list of n str
         Names of the joints in recordings by the maker's driver, in order; empty where they
         are those of the model.
@@ -96,7 +87,6 @@ class RobotConfig:
     friction: FrictionConfig = field(default_factory=FrictionConfig)
     max_torque_rate: float = bounded(1000.0, above=0)
     driver: str = ""
-    official_visuals: str = ""
     joint_names: list[str] = field(default_factory=list)
     joint_prefixes: list[str] = field(default_factory=list)
 
@@ -191,8 +181,6 @@ def AddRobot(
     plant: MultibodyPlant,
     config: RobotConfig,
     tool: Tool | None = None,
-    *,
-    visuals: str = "own",
 ) -> Robot:
     """Add an arm, welded to the world, with its tool on the flange.
 
@@ -205,14 +193,11 @@ def AddRobot(
     config : RobotConfig
     tool : EraserConfig or str, optional
         An eraser, `spoon`, or a model file; the default eraser if None.
-    visuals : {"own", "drake_models"}
-        The arm's meshes: those of its model, or the official ones that Drake downloads.
 
     Raises
     ------
     StationError
-        If a value is not allowed, the model does not match the configuration, or the
-        official meshes are not available.
+        If a value is not allowed, or the model does not match the configuration.
 
     Examples
     --------
@@ -231,12 +216,7 @@ def AddRobot(
         for folder in Path(config.model).absolute().parents[:3]:
             if (folder / "package.xml").is_file() and folder != models_dir():
                 parser.package_map().AddPackageXml(str(folder / "package.xml"))
-        arm = AddArm(
-            parser,
-            Path(config.model),
-            visuals=visuals,
-            official=config.official_visuals,
-        )
+        (arm,) = parser.AddModels(config.model)
     _CheckModel(plant, arm, config)
     tool_instance, tip = AddTool(plant, tool or EraserConfig())
     plant.WeldFrames(
@@ -429,96 +409,3 @@ def _spheres(shape: Any) -> tuple[NDArray[np.float64], float]:
     r, length = shape.radius(), shape.length()
     rims = product(_RIM_ANGLES, ends)
     return np.array([[r * np.cos(a), r * np.sin(a), e * length] for a, e in rims]), 0.0
-
-
-def AddArm(
-    parser: Parser, model: Path, *, visuals: str = "own", official: str = ""
-) -> ModelInstanceIndex:
-    """Add an arm; the visuals do not change the dynamics of its own model.
-
-    Parameters
-    ----------
-    parser : Parser
-        Of a plant that is not finalized and has no model with this name. It has the
-        packages of the model, and ``drake_models`` for these visuals.
-    model : Path
-        URDF or SDF file.
-    visuals : {"own", "drake_models"}
-        Meshes of the model, or the official ones, which Drake downloads when it first
-        needs them.
-    official : str
-        The official description in the package ``drake_models``.
-
-    Returns
-    -------
-    ModelInstanceIndex
-
-    Raises
-    ------
-    StationError
-        If the visuals are of another kind, or the official ones are not available.
-    """
-    if visuals not in VISUALS:
-        raise StationError(
-            f"visuals is {visuals!r}; it must be one of {', '.join(VISUALS)}."
-        )
-    if visuals == "own":
-        (arm,) = parser.AddModels(str(model))
-        return arm
-    if not official:
-        raise StationError(
-            f"{model.name} has no official meshes in drake_models. Use visuals: own."
-        )
-    folder = _OfficialFolder(parser.package_map())
-    description = ET.fromstring(model.read_text())
-    _ReplaceVisuals(description, folder / official)
-    text = ET.tostring(description, encoding="unicode")
-    try:
-        (arm,) = parser.AddModelsFromString(text, "urdf")
-    except RuntimeError as error:
-        raise StationError(
-            f"the official meshes in {folder} cannot be used: {error}. "
-            "Use visuals: own, which needs no download."
-        ) from None
-    return arm
-
-
-def _OfficialFolder(packages: PackageMap) -> Path:
-    """Return the folder of drake_models, which Drake downloads if it is missing."""
-    try:
-        return Path(packages.GetPath("drake_models"))
-    except RuntimeError as error:
-        raise StationError(
-            "the official meshes (Drake's package drake_models) are not on this "
-            "machine and could not be downloaded. Connect to the network once, with "
-            "the environment variable DRAKE_ALLOW_NETWORK unset or naming "
-            "package_map; Drake keeps what it has downloaded. Or use visuals: own, "
-            f"which needs no download. Drake reported: {error}"
-        ) from None
-
-
-def _ReplaceVisuals(arm: ET.Element, official: Path) -> None:
-    """Replace the arm's visuals with those of the official description."""
-    try:
-        root = ET.fromstring(official.read_text())
-    except (OSError, ET.ParseError) as error:
-        raise StationError(
-            f"the official arm {official} cannot be read: {error}. Remove Drake's "
-            "download cache (~/.cache/drake) to load it again, or use visuals: own."
-        ) from None
-    links = {link.get("name"): link for link in root.iter("link")}
-    arm.extend(root.findall("material"))
-    for link in arm.iter("link"):
-        own_visuals = link.findall("visual")
-        if not own_visuals:
-            continue
-        name = link.get("name")
-        visuals = links[name].findall("visual") if name in links else []
-        if not visuals:
-            raise StationError(
-                f"the official arm {official} has no visual on {name}: this Drake "
-                "has another version of it. Use visuals: own."
-            )
-        for visual in own_visuals:
-            link.remove(visual)
-        link.extend(visuals)
