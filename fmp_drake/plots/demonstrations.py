@@ -14,8 +14,8 @@ from fmp_drake.plots.style import (
     Channels,
     Demonstrations,
     PlanePanel,
-    TimePanels,
     component_color,
+    finish_times,
     save,
     set_title,
 )
@@ -48,11 +48,11 @@ def draw_demonstrations_over_time(
 ) -> tuple[Axes, ...]:
     """Draw each channel of recordings over time, in separate axes (Fig. 3a)."""
     recordings = demonstration_list(demonstrations, "a picture")
-    panels = TimePanels(Channels.of_demonstrations(recordings), axes)
-    for ax, i in panels:
+    labels = Channels.of_demonstrations(recordings).labels
+    for i, ax in enumerate(axes):
         for recording, grey in zip(recordings, _greys(len(recordings)), strict=True):
             ax.plot(recording.time, recording.values[:, i], color=grey, linewidth=0.8)
-    return panels.finish(_title(recordings))
+    return finish_times(axes, labels, title=_title(recordings))
 
 
 def draw_demonstrations_in_plane(
@@ -158,12 +158,11 @@ def draw_spectra(
     axes : sequence of Axes
         One for each channel.
     """
-    panels = TimePanels(Channels.of_skill(skill), axes)
     windows = _windows(skill, demonstrations)
     amplitudes = polar(windows)[0][:, 1:]  # (N, harmonics, D), without the constant
     count = _harmonic_count(amplitudes)
     frequencies = np.arange(1, count + 1) * skill.rate / skill.n_steps
-    for ax, i in panels:
+    for i, ax in enumerate(axes):
         low, middle, high = np.percentile(amplitudes[:, :count, i], [5, 50, 95], axis=0)
         bars = ax.vlines(frequencies, low, high, color=DEMONSTRATED, linewidth=3.0)
         bars.set_label("5 to 95 %")
@@ -171,7 +170,8 @@ def draw_spectra(
         ax.set_ylim(bottom=0)
         ax.set_xlim(left=0)
     title = f"harmonics of {len(windows)} windows"
-    return panels.finish(title, xlabel="frequency (Hz)")
+    labels = Channels.of_skill(skill).labels
+    return finish_times(axes, labels, title=title, xlabel="frequency (Hz)")
 
 
 def _harmonic_count(amplitudes: NDArray[np.float64]) -> int:

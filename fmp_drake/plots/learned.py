@@ -22,10 +22,10 @@ from fmp_drake.plots.style import (
     Channels,
     Demonstrations,
     PlanePanel,
-    TimePanels,
     add_colorbar,
     add_lines,
     component_color,
+    finish_times,
     lighten,
     series_style,
     set_title,
@@ -89,16 +89,16 @@ def draw_component_over_time(
     axes : sequence of Axes
         One for each channel.
     """
-    panels = TimePanels(Channels.of_skill(skill), axes)
+    labels = Channels.of_skill(skill).labels
     mean, covariances = _moments(skill, component)
     color = component_color(component)
     time = np.arange(skill.n_steps) / skill.rate
-    for ax, i in panels:
+    for i, ax in enumerate(axes):
         draw_band(ax, time, mean[:, i], covariances[:, i, i], color)
         ax.plot(time, mean[:, i], color=color, linewidth=1.6, label="mean")
     percent = 100 * skill.proportions_[component]
     title = f"component {component} ({percent:.0f} % of the windows)"
-    return panels.finish(title, xlabel="time in the window (s)")
+    return finish_times(axes, labels, title=title, xlabel="time in the window (s)")
 
 
 def draw_band(
@@ -329,7 +329,7 @@ def draw_phase(
     else:
         cycle_axes.plot(_PHASES, cycle[:, 0], color=PLAYED)
         cycle_axes.set_xlabel("phase (rad)")
-        cycle_axes.set_ylabel(channels.label(0))
+        cycle_axes.set_ylabel(channels.labels[0])
         set_title(cycle_axes, "mean cycle")
     cycle_numbers = np.arange(1, model.cycles + 1)
     tempo_axes.plot(
@@ -423,24 +423,24 @@ def draw_rollout_over_time(
     duration : float
         Seconds.
     """
-    panels = TimePanels(Channels.of_skill(player.skill), axes)
+    labels = [*Channels.of_skill(player.skill).labels, "component"]
     _check_duration(player, duration)
     states = _play(player, start, duration)
     time = player.tick_seconds * np.arange(len(states), dtype=np.float64)
     values = np.stack([player.motion(state)[0] for state in states])
     covariances = np.stack([player.covariance(state) for state in states])
     instants = time[1:][np.diff([state.remaps for state in states]) > 0]
-    for ax, i in panels:
+    *panels, strip = axes
+    for i, ax in enumerate(panels):
         draw_band(ax, time, values[:, i], covariances[:, i, i], PLAYED)
         ax.plot(time, values[:, i], color=PLAYED, linewidth=1.2, label="played")
         for instant in instants:
             ax.axvline(
                 instant, color="0.3", linewidth=0.8, linestyle=":", label="re-mapped"
             )
-    strip = axes[-1]
     _draw_strip(strip, states, np.concatenate([[0.0], instants, time[-1:]]))
     axes[0].set_xlim(0, time[-1])
-    panels.finish("played", strip="component")
+    finish_times(axes, labels, title="played")
     strip.yaxis.label.set(rotation=0, ha="right", va="center", size="small")
     return tuple(axes)
 

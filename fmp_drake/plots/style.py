@@ -1,6 +1,6 @@
 """Colours, channels, axes, legends and file formats of all pictures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -88,9 +88,20 @@ def same_limits(axes: Sequence[Axes]) -> None:
 
 
 def finish_times(
-    axes: Sequence[Axes], labels: Sequence[str], *, xlabel: str = "time (s)"
-) -> None:
-    """Label axes below each other; only the last gets the label of the time."""
+    axes: Sequence[Axes],
+    labels: Sequence[str],
+    *,
+    title: str = "",
+    xlabel: str = "time (s)",
+) -> tuple[Axes, ...]:
+    """Label axes below each other, and return them.
+
+    With a title, the first of them gets it and a legend. Only the last gets the label of
+    the time.
+    """
+    if title:
+        set_title(axes[0], title)
+        legend_above(axes[0])
     for ax, label in zip(axes, labels, strict=True):
         ax.set_ylabel(label)
         ax.spines[["top", "right"]].set_visible(False)
@@ -98,6 +109,7 @@ def finish_times(
     for ax in axes[:-1]:
         ax.tick_params(labelbottom=False)
     axes[-1].set_xlabel(xlabel)
+    return tuple(axes)
 
 
 def add_lines(
@@ -234,9 +246,11 @@ class Channels:
                     "ones (Demonstration.select)."
                 )
 
-    def label(self, index: int) -> str:
-        """Return the name and the unit of a channel."""
-        return f"{self.names[index]} ({self.units[index]})"
+    @property
+    def labels(self) -> list[str]:
+        """Name and unit of each channel."""
+        pairs = zip(self.names, self.units, strict=True)
+        return [f"{name} ({unit})" for name, unit in pairs]
 
 
 class PlanePanel:
@@ -289,8 +303,8 @@ class PlanePanel:
         set_title(ax, title)
         ax.autoscale_view()
         ax.xaxis.set_inverted(True)
-        ax.set_xlabel(self._channels.label(1))
-        ax.set_ylabel(self._channels.label(0))
+        ylabel, xlabel, *_ = self._channels.labels
+        ax.set(xlabel=xlabel, ylabel=ylabel)
         ax.locator_params(nbins=6)
         if self._channels.units[0] == self._channels.units[1]:
             ax.set_aspect("equal")
@@ -320,35 +334,3 @@ def _widen(ax: Axes) -> None:
         middle, half = (low + high) / 2, 0.5 * _MIN_RATIO * np.max(high - low)
         ax.update_datalim([middle - half, middle + half])
         ax.autoscale_view()
-
-
-class TimePanels:
-    """Axes over time below each other, one for each channel, with an optional strip.
-
-    Iteration yields the axes and the index of each channel.
-
-    Parameters
-    ----------
-    channels : Channels
-    axes : sequence of Axes
-        One for each channel, then one for the strip, if any.
-    """
-
-    def __init__(self, channels: Channels, axes: Sequence[Axes]) -> None:
-        self._channels = channels
-        self._axes = tuple(axes)
-
-    def __iter__(self) -> Iterator[tuple[Axes, int]]:
-        """Iterate over axes and indices of the channels."""
-        indices = range(len(self._channels.names))
-        return iter(zip(self._axes, indices, strict=False))
-
-    def finish(
-        self, title: str, *, xlabel: str = "time (s)", strip: str = ""
-    ) -> tuple[Axes, ...]:
-        """Set title, legend and labels; return the axes. `strip` is the strip's label."""
-        labels = [self._channels.label(i) for _, i in self]
-        set_title(self._axes[0], title)
-        legend_above(self._axes[0])
-        finish_times(self._axes, [*labels, *([strip] if strip else [])], xlabel=xlabel)
-        return self._axes

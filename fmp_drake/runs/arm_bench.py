@@ -28,37 +28,15 @@ from fmp_drake.systems.panda.gate import limited_change
 
 Array = NDArray[np.float64]
 PERIOD = 0.001
+DAMPING = (37.5, 50.0, 37.5, 25.0, 5.0, 3.75, 2.5)
+"""Damping of the joints without a command, Nm s/rad; that of drake-franka-driver."""
+# Largest difference between a command's stamp and the wall clock, s; fastest change of a
+# torque, Nm/s; cutoff frequency of the torque's low-pass filter, Hz.
+_EXPIRY, _MAX_RATE, _CUTOFF = 0.05, 1000.0, 30.0
 # Damping of each joint during hand guiding, Nm s/rad.
 _GUIDED_DAMPING = 1.0
 # Steps between two samples of the normal force.
 _FORCE_STEPS = 10
-
-
-@dataclass(kw_only=True)
-class FirmwareConfig:
-    """Treatment of commands by a robot.
-
-    Attributes
-    ----------
-    expiry : float
-        Largest difference between a command's stamp and the wall clock, s.
-    damping : list of 7 floats
-        Damping of the joints without a command, Nm s/rad; that of drake-franka-driver.
-    max_rate : float
-        Fastest change of a torque, Nm/s.
-    cutoff : float
-        Cutoff frequency of the torque's low-pass filter, Hz.
-
-    Examples
-    --------
-    >>> FirmwareConfig().expiry
-    0.05
-    """
-
-    expiry: float = bounded(0.05, above=0)
-    damping: list[float] = bounded([37.5, 50, 37.5, 25, 5, 3.75, 2.5], least=0)
-    max_rate: float = bounded(1000.0, above=0)
-    cutoff: float = bounded(30.0, above=0)
 
 
 class Reaction(IntEnum):
@@ -78,19 +56,16 @@ class FirmwareState(NamedTuple):
 
 
 def firmware_step(
-    config: FirmwareConfig,
     state: FirmwareState,
     *,
     command: Any,
     wall_time: float,
     velocity: Array,
-    period: float,
 ) -> FirmwareState:
-    """Return the torque of the motors, without gravity, after a period.
+    """Return the torque of the motors, without gravity, after `PERIOD`.
 
     Parameters
     ----------
-    config : FirmwareConfig
     state : FirmwareState
     command : lcmt_panda_command
         The last command; its stamp is 0 before the first.
@@ -98,11 +73,9 @@ def firmware_step(
         Present time, s.
     velocity : array, shape (7,)
         Of the joints, rad/s.
-    period : float
-        Time between two steps, s.
     """
     reaction = Reaction.FOLLOWED
-    if abs(wall_time - 1e-6 * command.utime) > config.expiry:
+    if abs(wall_time - 1e-6 * command.utime) > _EXPIRY:
         reaction = Reaction.DAMPED
     elif (
         len(command.joint_torque) != JOINTS
@@ -115,11 +88,11 @@ def firmware_step(
     if reaction is Reaction.FOLLOWED:
         desired = np.array(command.joint_torque)
     else:
-        desired = -np.array(config.damping) * velocity
+        desired = -np.array(DAMPING) * velocity
     limited = limited_change(
-        state.limited, desired, config.max_rate * period, np.full(JOINTS, np.inf)
+        state.limited, desired, _MAX_RATE * PERIOD, np.full(JOINTS, np.inf)
     )
-    blend = 1 - np.exp(-2 * np.pi * config.cutoff * period)
+    blend = 1 - np.exp(-2 * np.pi * _CUTOFF * PERIOD)
     torque = state.torque + blend * (limited - state.torque)
     return FirmwareState(limited, torque, reaction)
 
@@ -201,7 +174,6 @@ class ArmBench:
     ) -> None:
         self._lcm = lcm
         self._channels = arm or LcmPanda()
-        self._firmware = FirmwareConfig()
         self.set_faults(faults or NetworkFaults())
         self._queue: list[tuple[float, bytes]] = []
         builder = DiagramBuilder()
@@ -307,12 +279,10 @@ class ArmBench:
     def _follow(self, command: Any, wall_time: float) -> None:
         """Compute the torque of the motors from the last command."""
         self._state = firmware_step(
-            self._firmware,
             self._state,
             command=command,
             wall_time=wall_time,
             velocity=self.output("state")[JOINTS:],
-            period=PERIOD,
         )
         self.reactions[self._state.reaction] += 1
         if self._state.reaction is not Reaction.FOLLOWED:

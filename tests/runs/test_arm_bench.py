@@ -5,7 +5,7 @@ import pytest
 from drake import lcmt_panda_command, lcmt_panda_status
 
 from fmp_drake.runs.arm_bench import (
-    FirmwareConfig,
+    DAMPING,
     FirmwareState,
     Reaction,
     firmware_step,
@@ -14,7 +14,7 @@ from fmp_drake.runs.arm_bench import (
 NOW = 1.7e9
 ZERO = np.zeros(7)
 # What 1 rad/s is damped by within a millisecond: the fastest joint changes by 1 Nm.
-DAMPED = -np.array(FirmwareConfig().damping) / max(FirmwareConfig().damping)
+DAMPED = -np.array(DAMPING) / max(DAMPING)
 
 
 def torque_command(torque, time):
@@ -27,12 +27,10 @@ def torque_command(torque, time):
 
 def stepped(command, state=None, *, velocity=ZERO):
     return firmware_step(
-        FirmwareConfig(),
         state or FirmwareState(ZERO, ZERO),
         command=command,
         wall_time=NOW,
         velocity=velocity,
-        period=0.001,
     )
 
 
