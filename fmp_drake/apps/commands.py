@@ -1,8 +1,10 @@
 """The commands of `fmp-drake`, each imported only when it runs."""
 
+import ast
 import importlib
 import logging
 import sys
+from pathlib import Path
 
 import click
 
@@ -10,25 +12,17 @@ from fmp_drake import __version__
 from fmp_drake.apps import terminal
 
 # The module `fmp_drake.apps.wipe` has the command `wipe`, and so on.
-_COMMANDS = {
-    "arm": "Simulate an arm with the LCM messages of a real one, for tests.",
-    "benchmark": "Compare methods on the recordings in FOLDER: prediction and playback.",
-    "check": "Check whether the arm can follow a skill on a board, and what would help.",
-    "inspect": "Report what recordings contain, and whether they can be learned.",
-    "learn": "Learn a skill from DEMONSTRATIONS (tables, bags ...) and write it to a "
-    "file.",
-    "record": "Record a demonstration: a simulated person guides the arm over the "
-    "board.",
-    "reproduce": "Rerun the paper's experiments and write a report with figures and "
-    "tables.",
-    "robots": "List the robots that come with the package, or those of YAML FILES.",
-    "scenarios": "List the scenarios that come with the package.",
-    "teach": "Teach the arm with the mouse: drag it on the page, press learn, and it "
-    "continues.",
-    "video": "Turn FRAMES, the .tar file of the page's recorder, into the film OUT.",
-    "worlds": "Run randomised scenarios from SOURCE, and report which failed and why.",
-    "wipe": "Learn a skill from a demonstration and play it: wipe a board, or follow a motion.",
-}
+_COMMANDS = (
+    *("arm", "benchmark", "check", "inspect", "learn", "record", "reproduce", "robots"),
+    *("scenarios", "teach", "video", "worlds", "wipe"),
+)
+
+
+def _summary(name: str) -> str:
+    """Return the first line of a command's docstring, without importing its module."""
+    module = ast.parse(Path(__file__).with_name(f"{name}.py").read_text("utf-8"))
+    functions = {f.name: f for f in module.body if isinstance(f, ast.FunctionDef)}
+    return (ast.get_docstring(functions[name]) or "").partition("\n")[0]
 
 
 class _LazyGroup(click.Group):
@@ -58,7 +52,7 @@ class _LazyGroup(click.Group):
     ) -> None:
         """Write one line about each command, without importing any."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(_COMMANDS.items()))
+            formatter.write_dl([(name, _summary(name)) for name in _COMMANDS])
         with formatter.section("Start with"):
             formatter.write_text("fmp-drake wipe       watch a simulated arm")
             formatter.write_text("fmp-drake teach      guide it yourself")

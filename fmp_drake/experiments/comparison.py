@@ -9,8 +9,6 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from fmp_drake.errors import ExperimentError
-from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.plots import draw_demonstrations_in_plane
 from fmp_drake.plots.style import (
     DEMONSTRATED,
@@ -35,8 +33,6 @@ PAPER_STRIDE = int(PAPER_SETTINGS["stride"])
 # Grid of Table I, which the paper does not state. The sensitivity study varies it.
 BINS = 30
 FLOOR = 1e-6
-SENSITIVITY_BINS = (10, 20, 30, 40, 60, 80, 100)
-SENSITIVITY_FLOORS = (1e-8, 1e-6, 1e-4)
 _MARGIN = 0.15
 
 Samples = NDArray[np.float64]
@@ -74,16 +70,10 @@ def heatmap(
     ndarray, shape (bins, bins)
         Fractions, whose sum is 1; the first axis is the first channel.
     """
-    values = finite_array(
-        trajectories, "the trajectories", ("...", "N", "D"), error=ExperimentError
-    )
-    check_number(bins, "bins", least=1, whole=True, error=ExperimentError)
-    box = finite_array(extent, "the extent", (2, 2), error=ExperimentError)
-    for low, high in box:
-        check_number(high, "the end of the extent", above=low, error=ExperimentError)
-    points = np.clip(values.reshape(-1, values.shape[-1])[:, :2], *box.T)
+    values = np.asarray(trajectories, dtype=float)
+    points = np.clip(values.reshape(-1, values.shape[-1])[:, :2], *np.transpose(extent))
     x, y = points.T
-    counts: NDArray[np.float64] = np.histogram2d(x, y, bins=bins, range=box)[0]
+    counts: NDArray[np.float64] = np.histogram2d(x, y, bins=bins, range=extent)[0]
     return counts / len(points)
 
 
@@ -101,10 +91,8 @@ def kl_divergence(p: ArrayLike, q: ArrayLike, *, floor: float) -> float:
         Positive number that is added to every cell before both are normalised, because an
         empty cell would make the divergence infinite.
     """
-    check_number(floor, "floor", above=0.0, error=ExperimentError)
-    a = finite_array(p, "the first heatmap", error=ExperimentError)
-    b = finite_array(q, "the second heatmap", a.shape, error=ExperimentError)
-    a, b = (a + floor) / np.sum(a + floor), (b + floor) / np.sum(b + floor)
+    a, b = np.asarray(p) + floor, np.asarray(q) + floor
+    a, b = a / np.sum(a), b / np.sum(b)
     return float(np.sum(a * np.log(a / b)))
 
 

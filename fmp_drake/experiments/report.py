@@ -130,10 +130,12 @@ def write_report(
     introduction: str,
     results: Mapping[str, Any],
     title: str = "Fourier movement primitives: the experiments",
+    markdown: Path | None = None,
 ) -> None:
-    """Write `report.html`, a PNG for each figure, and `results.json`.
+    """Write `report.html`, a PNG for each figure, and `results.json` into a folder.
 
-    Text between backticks is shown as code; no text is read as HTML.
+    Text between backticks is shown as code; no text is read as HTML. If a file (.md) is
+    given, the report is also written to it, with a PNG for each figure beside it.
     """
     parts = [f"<h1>{html.escape(title)}</h1><p>{_inline(introduction)}</p>"]
     parts.append(_verdicts(sections))
@@ -150,10 +152,12 @@ def write_report(
     write_text(
         folder / "results.json", json.dumps(results, indent=2) + "\n", ExperimentError
     )
+    if markdown is not None:
+        _write_markdown(markdown, sections, introduction, title)
 
 
-def write_page(
-    path: Path, *, sections: Sequence[Section], introduction: str, title: str
+def _write_markdown(
+    path: Path, sections: Sequence[Section], introduction: str, title: str
 ) -> None:
     """Write a report as Markdown, with a PNG for each figure beside it."""
     lines = [f"# {title}", introduction]
@@ -165,14 +169,20 @@ def write_page(
                 _picture(path.parent, finding.name, finding.figure)
                 lines.append(f"![{finding.title}]({finding.name}.png)")
             if finding.table is not None:
-                head, *rows = ([c.replace("|", "/") for c in r] for r in finding.table)
-                rows = [head, ["---"] * len(head), *rows]
-                lines.append("\n".join(f"| {' | '.join(row)} |" for row in rows))
+                lines.append(markdown_table(finding.table))
             lines.append(finding.shows)
             if finding.claim:
                 verdict = "holds" if finding.agrees else "does not hold"
                 lines.append(f"Claim: {finding.claim} **It {verdict}.**")
     write_text(path, "\n\n".join(lines) + "\n", ExperimentError)
+
+
+def markdown_table(rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown; the first row is the header."""
+    head, *others = ([cell.replace("|", "/") for cell in row] for row in rows)
+    return "\n".join(
+        f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *others)
+    )
 
 
 def _verdicts(sections: Sequence[Section]) -> str:

@@ -12,7 +12,6 @@ from fmp_drake.experiments.baselines.method import RATE
 from fmp_drake.experiments.benchmark.built_in import ABLATIONS, FMP, MixtureFMP
 from fmp_drake.experiments.benchmark.findings import benchmark_findings, mean_values
 from fmp_drake.experiments.benchmark.run import (
-    Job,
     MethodScores,
     Progress,
     checked_methods,
@@ -171,7 +170,7 @@ def score_demonstrations(
                 instants=profile.instants,
                 places=profile.places,
             )
-            scores[name].add(run_job(Job(method=name, score=score)))
+            scores[name].add(run_job((name, score)))
     return scores
 
 

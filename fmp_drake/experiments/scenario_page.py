@@ -9,6 +9,7 @@ from typing import NamedTuple
 from threadpoolctl import threadpool_limits
 
 from fmp_drake.errors import RunError
+from fmp_drake.experiments.report import markdown_table
 from fmp_drake.film import FilmReel, render_picture
 from fmp_drake.processes import LocalWorkers, run_tasks
 from fmp_drake.runs import MakeRun, WipingRun
@@ -17,6 +18,11 @@ from fmp_drake.skills.learning import shared_skill
 from fmp_drake.station import LoadScenario
 
 _SIZE = (480, 360)
+_COLUMNS = (
+    *("", "demonstrated area cleaned", "50 / 90 / 99 % after", "force, 90 % within"),
+    *("within 10 % / 5 N of desired", "tracking error"),
+    *("largest joint torque / speed", "nearest joint limit"),
+)
 
 
 class ScenarioRun(NamedTuple):
@@ -89,15 +95,9 @@ def scenario_page(runs: Mapping[str, ScenarioRun], *, duration: float) -> str:
             f"{duration:g} s of each, headless, with its own seed."
         ),
         "",
-        (
-            "| | demonstrated area cleaned | 50 / 90 / 99 % after | force, 90 % within "
-            "| within 10 % / 5 N of desired | tracking error | largest joint torque / speed "
-            "| nearest joint limit |"
+        markdown_table(
+            [_COLUMNS, *(_row(name, run.metrics) for name, run in runs.items())]
         ),
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    lines += [_row(name, run.metrics) for name, run in runs.items()]
-    lines += [
         "",
         (
             "The normal force, and the fractions of time within 10 % and 5 N of the desired "
@@ -120,7 +120,7 @@ def scenario_page(runs: Mapping[str, ScenarioRun], *, duration: float) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _row(name: str, metrics: Metrics) -> str:
+def _row(name: str, metrics: Metrics) -> list[str]:
     """Return a row of the table; metrics of a board are "-" where there is none."""
     f = {key: 0.0 if value is None else value for key, value in metrics.items()}
     board_cells = ["-"] * 4
@@ -141,11 +141,10 @@ def _row(name: str, metrics: Metrics) -> str:
         tracking += f", {f['orientation_rms_deg']:.2f} degrees"
     if "normal_force_error_rms_n" in metrics:
         tracking += f", {f['normal_force_error_rms_n']:.2f} N"
-    cells = [
+    return [
         f"[{name}](#{name})",
         *board_cells,
         tracking,
         f"{100 * f['torque_ratio_max']:.0f} / {100 * f['joint_speed_ratio_max']:.0f} %",
         f"{f['joint_limit_margin_min_rad']:.2f} rad",
     ]
-    return f"| {' | '.join(cells)} |"

@@ -32,7 +32,6 @@ from fmp_drake.experiments.benchmark.built_in import (
 from fmp_drake.experiments.benchmark.cleaning import clean_board, split_to_learn
 from fmp_drake.experiments.benchmark.findings import benchmark_findings
 from fmp_drake.experiments.benchmark.run import (
-    Job,
     MethodScores,
     read_scores,
     run_job,
@@ -367,7 +366,7 @@ def test_rows_do_not_depend_on_which_job_ends_first(folder, tmp_path, monkeypatc
 def test_job_needs_no_recording_but_its_own_movement():
     movement = Movement(name="ring", parts=(ellipse(300, seed=1),), period=PERIOD)
     score = partial(score_method, movement=movement, instants=5)
-    job = Job(method=ReplayMethod.name, score=score)
+    job = (ReplayMethod.name, score)
     here, there = run_job(job), run_job(pickle.loads(pickle.dumps(job)))
     assert {row["movement"] for row in here.predictions} == {"ring"}
     assert there.predictions == here.predictions

@@ -6,6 +6,7 @@ its controller, eraser and ink. Only the path differs.
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,6 @@ from scipy.interpolate import CubicSpline
 from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
 from fmp_drake.experiments.baselines.method import PAST, RATE, Array, Method
 from fmp_drake.experiments.benchmark.run import (
-    Job,
     MethodScores,
     Progress,
     checked_methods,
@@ -87,12 +87,8 @@ def run_cleaning(
     movement = board_movement(file)
     split = split_to_learn(movement)
     score = partial(score_cleaning, movement=movement, split=split, duration=duration)
-    jobs = [
-        Job(method=name, score=partial(score, seed=seed))
-        for name in names
-        for seed in range(seeds)
-    ]
-    return collect_scores(out, jobs, workers, progress)
+    parts = [partial(score, seed=seed) for seed in range(seeds)]
+    return collect_scores(out, list(product(names, parts)), workers, progress)
 
 
 def board_movement(file: Path) -> Movement:

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -51,22 +52,6 @@ _SETTLING_TIME = 10.0
 _NEAR = 0.15
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Job:
-    """Scoring of one method: the task of a process.
-
-    Attributes
-    ----------
-    method : str
-        Name.
-    score : callable
-        Takes the class of the method, and returns its scores. It is pickled.
-    """
-
-    method: str
-    score: Callable[[type[Method]], "MethodScores"]
-
-
 @dataclass(kw_only=True)
 class MethodScores:
     """Scores of one method: the content of its JSON file.
@@ -97,6 +82,10 @@ class MethodScores:
         self.playbacks += other.playbacks
         self.cleaning += other.cleaning
         self.seconds += other.seconds
+
+
+type Job = tuple[str, Callable[[type[Method]], MethodScores]]
+"""Name of a method, and a function that returns the scores of its class."""
 
 
 def all_methods() -> dict[str, type[Method]]:
@@ -141,15 +130,9 @@ def run_benchmark(
             f"{movement.name}: {movement.cycles:.1f} cycles in {len(movement.parts)} "
             "parts"
         )
-    jobs = [
-        Job(
-            method=name,
-            score=partial(score_method, movement=movement, instants=instants),
-        )
-        for name in names
-        for movement in movements
-    ]
-    return collect_scores(out, jobs, workers, progress)
+    score = partial(score_method, instants=instants)
+    parts = [partial(score, movement=movement) for movement in movements]
+    return collect_scores(out, list(product(names, parts)), workers, progress)
 
 
 def checked_methods(names: Sequence[str]) -> list[str]:
@@ -178,8 +161,8 @@ def collect_scores(
         if isinstance(result, Exception):
             raise result
         results[job] = result
-        name = job.method
-        method_jobs = [other for other in jobs if other.method == name]
+        name = job[0]
+        method_jobs = [other for other in jobs if other[0] == name]
         if results.keys() >= set(method_jobs):
             scores = MethodScores(method=name)
             for method_job in method_jobs:
@@ -192,8 +175,9 @@ def collect_scores(
 def run_job(job: Job) -> MethodScores:
     """Score a method, and measure its processor time."""
     begin = time.process_time()
+    name, score = job
     with threadpool_limits(limits=1):
-        scores = job.score(all_methods()[job.method])
+        scores = score(all_methods()[name])
     return replace(scores, seconds=time.process_time() - begin)
 
 

@@ -3,7 +3,7 @@
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from math import ceil, sqrt
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
+from scipy.stats import binomtest
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.report import Finding, Section, write_page, write_report
+from fmp_drake.experiments.report import Finding, Section, write_report
 from fmp_drake.experiments.trials.store import TrialStore
 from fmp_drake.experiments.trials.trial import (
     LEAST_PRESSED,
@@ -58,9 +59,8 @@ _NO_VIOLATION = "no body through another, no NaN, no limit broken, no exception"
 _NOT_MEASURED = " The penetration of bodies was not measured."
 # Required success rate, and greatest number of rows in the tables of trials.
 _REQUIRED_RATE, _ROWS = 0.99, 20
-# Standard deviations of a 95 % interval, and bins of a parameter.
-_Z, _BINS = 1.96, 6
-_COLUMNS = 4
+# Bins of a parameter, and pictures in a row.
+_BINS, _COLUMNS = 6, 4
 # Least number of trials that shows the influence of a parameter in several bins.
 _LEAST_TRIALS = 16
 # Ratio of a parameter's extremes above which its axis is logarithmic.
@@ -107,13 +107,11 @@ class TrialsReport:
 
     def write(self, page: Path | None = None) -> None:
         """Write report.html into the folder of the store, and optionally a Markdown page."""
-        title = f"{len(self._trials)} trials of {float(self._plan['duration']):g} s"
         sections: list[Section] = [
             ("Verdict", [self._violations(), self._accuracy()]),
             ("Failed trials", [self._success(), self._worst()]),
             ("Infeasible trials", [self._refusals()]),
         ]
-        text = self.verdict()
         results = {
             "trials": len(self._trials),
             "refused": len(self._refused),
@@ -125,12 +123,11 @@ class TrialsReport:
         write_report(
             self._folder,
             sections=sections,
-            introduction=text,
+            introduction=self.verdict(),
             results=results,
-            title=title,
+            title=f"{len(self._trials)} trials of {float(self._plan['duration']):g} s",
+            markdown=page,
         )
-        if page is not None:
-            write_page(page, sections=sections, introduction=text, title=title)
 
     def verdict(self) -> str:
         """Return a summary of the trials in a few sentences."""
@@ -338,10 +335,8 @@ def interval(passed: int, total: int) -> tuple[float, float]:
     """
     if total == 0:
         return 0.0, 1.0
-    p, z2 = passed / total, _Z**2
-    middle = (p + z2 / (2 * total)) / (1 + z2 / total)
-    half = _Z / (1 + z2 / total) * sqrt(p * (1 - p) / total + z2 / (4 * total**2))
-    return max(0.0, middle - half), min(1.0, middle + half)
+    limits = binomtest(passed, total).proportion_ci(method="wilson")
+    return float(limits.low), float(limits.high)
 
 
 def draw_success(
