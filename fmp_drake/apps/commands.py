@@ -80,13 +80,10 @@ def log_to_stderr() -> None:
     """Write log messages of the package and warnings of Drake to stderr."""
     # Drake logs Meshcat's address, which the commands print themselves. A filter, because
     # Drake resets the level of its logger when it is imported.
-    logging.getLogger("drake").addFilter(_is_warning)
+    drake = logging.getLogger("drake")
+    drake.addFilter(lambda record: record.levelno >= logging.WARNING)
     logger = logging.getLogger("fmp_drake")
     logger.setLevel(logging.INFO)
     logger.addHandler(_HANDLER)
     # Drake adds a handler to the root logger, which would repeat each message.
     logger.propagate = False
-
-
-def _is_warning(record: logging.LogRecord) -> bool:
-    return record.levelno >= logging.WARNING

@@ -71,9 +71,10 @@ def heatmap(
         Fractions, whose sum is 1; the first axis is the first channel.
     """
     values = np.asarray(trajectories, dtype=float)
-    points = np.clip(values.reshape(-1, values.shape[-1])[:, :2], *np.transpose(extent))
+    box = np.asarray(extent, dtype=float)
+    points = np.clip(values.reshape(-1, values.shape[-1])[:, :2], *box.T)
     x, y = points.T
-    counts: NDArray[np.float64] = np.histogram2d(x, y, bins=bins, range=extent)[0]
+    counts: NDArray[np.float64] = np.histogram2d(x, y, bins=bins, range=box)[0]
     return counts / len(points)
 
 

@@ -234,17 +234,6 @@ def table_one(
     return table
 
 
-def table_rows(table: dict[str, dict[str, float]]) -> list[list[str]]:
-    """Return the header and the rows of Table I as text."""
-    return [
-        ["", "forward KL", "reverse KL"],
-        *(
-            [name, f"{row['forward_kl']:.3f}", f"{row['reverse_kl']:.3f}"]
-            for name, row in table.items()
-        ),
-    ]
-
-
 def _samples(samples: Samples, recording: Demonstration) -> Finding:
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     axes = figure.subplots(1, 3)
@@ -300,7 +289,8 @@ def _table(table: dict[str, dict[str, float]]) -> Finding:
         for method, reference in ((FMP_PAPER, MULT), (FMP, MULT_OWN))
     )
     rows = [
-        *table_rows(table),
+        ["", "forward KL", "reverse KL"],
+        *([name, *(f"{kl:.3f}" for kl in row.values())] for name, row in table.items()),
         [f"paper: {MULT}", "0.20", "0.53"],
         ["paper: FMP", "0.11", "0.28"],
     ]

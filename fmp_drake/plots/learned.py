@@ -328,8 +328,7 @@ def draw_phase(
         add_colorbar(cycle_axes, line, "phase (rad)")
     else:
         cycle_axes.plot(_PHASES, cycle[:, 0], color=PLAYED)
-        cycle_axes.set_xlabel("phase (rad)")
-        cycle_axes.set_ylabel(channels.labels[0])
+        cycle_axes.set(xlabel="phase (rad)", ylabel=channels.labels[0])
         set_title(cycle_axes, "mean cycle")
     cycle_numbers = np.arange(1, model.cycles + 1)
     tempo_axes.plot(
@@ -338,20 +337,17 @@ def draw_phase(
     tempo_axes.plot(
         cycle_numbers, 100 * skill.amplitudes_, ".-", color=SAMPLED, label="size"
     )
-    tempo_axes.set_xlabel("demonstrated cycle")
+    tempo_axes.set(xlabel="demonstrated cycle", ylabel="of the mean (%)")
     tempo_axes.locator_params(axis="x", integer=True)
-    tempo_axes.set_ylabel("of the mean (%)")
     tempo_axes.legend(frameon=False)
     set_title(tempo_axes, f"{model.cycles} cycles of {skill.period_:.2f} s")
     factor = model.residual.factor(_PHASES) * skill.scales_[:, None]
     spread = np.sqrt(np.sum(factor**2, axis=2))
     for i, name in enumerate(channels.names):
         residual_axes.plot(_PHASES, spread[:, i], **series_style(i), label=name)
+    units = ", ".join(sorted(set(channels.units)))
+    residual_axes.set(xlabel="phase (rad)", ylabel=f"standard deviation ({units})")
     residual_axes.set_ylim(bottom=0)
-    residual_axes.set_xlabel("phase (rad)")
-    residual_axes.set_ylabel(
-        f"standard deviation ({', '.join(sorted(set(channels.units)))})"
-    )
     residual_axes.legend(frameon=False)
     set_title(residual_axes, "residual of the cycle")
 

@@ -100,8 +100,9 @@ MILLISECOND = 0.001
 # Exact multiples of a millisecond in floating point at any time. A sample that differs by a
 # rounding error from an update of the controller would split an integrator's step.
 _FAST, _SLOW, _RARE = 0.005, 0.01, 0.04
-_XX = tuple(a + b for a in POSITION_CHANNELS for b in POSITION_CHANNELS)
-_POSE = ("qw", "qx", "qy", "qz", *POSITION_CHANNELS)
+_XYZ = POSITION_CHANNELS
+_XX = tuple(a + b for a in _XYZ for b in _XYZ)
+_POSE = ("qw", "qx", "qy", "qz", *_XYZ)
 _JOINTS = ("joint{}",)
 _SPEEDS = ("joint{}_velocity",)
 _ERROR = "of the controller: a rotation vector, a translation"
@@ -109,30 +110,19 @@ _STATE = "of the arm: angles, then velocities"
 _CLEANED = "fraction of the cells that are clean"
 _PENETRATION = "of the deepest hard point below the board's surface"
 _STATUS = "of the controller: see fmp_drake.systems.impedance.controller_status"
+_ERASED = "time at which a cell became clean, along x first"
 _REMAPS = "re-mappings so far, and those after a push among them"
 
 _KINDS: dict[str, tuple[Any, ...]] = {
-    "desired_position": (
-        _FAST,
-        "p_BE of the skill",
-        "m",
-        "B",
-        POSITION_CHANNELS,
-    ),
-    "desired_velocity": (_FAST, "its velocity", "m/s", "B", POSITION_CHANNELS),
-    "desired_acceleration": (
-        _FAST,
-        "its acceleration",
-        "m/s^2",
-        "B",
-        POSITION_CHANNELS,
-    ),
+    "desired_position": (_FAST, "p_BE of the skill", "m", "B", _XYZ),
+    "desired_velocity": (_FAST, "its velocity", "m/s", "B", _XYZ),
+    "desired_acceleration": (_FAST, "its acceleration", "m/s^2", "B", _XYZ),
     "covariance": (_RARE, "of the tracked component, row by row", "m^2", "B", _XX),
     "weights": (_RARE, "of the tracked movement", "m", "B"),
     "component": (_RARE, "index of the tracked component", "1", "", ("component",)),
     "remaps": (_FAST, _REMAPS, "1", "", ("all", "reactive")),
-    "measured_position": (_FAST, "p_BE", "m", "B", POSITION_CHANNELS),
-    "measured_velocity": (_FAST, "v_BE", "m/s", "B", POSITION_CHANNELS),
+    "measured_position": (_FAST, "p_BE", "m", "B", _XYZ),
+    "measured_velocity": (_FAST, "v_BE", "m/s", "B", _XYZ),
     "measured_pose": (_FAST, "R_TE and p_TE", "1,1,1,1,m,m,m", "T", _POSE),
     "desired_orientation": (_FAST, "R_TE of the skill", "1", "T", _POSE[:4]),
     "tracking_error": (
@@ -140,31 +130,20 @@ _KINDS: dict[str, tuple[Any, ...]] = {
         _ERROR,
         "rad,rad,rad,m,m,m",
         "B",
-        ("rx", "ry", "rz", *POSITION_CHANNELS),
+        ("rx", "ry", "rz", *_XYZ),
     ),
     "status": (MILLISECOND, _STATUS, "1"),
     "torque": (MILLISECOND, "commanded, without gravity", "N m", "", _JOINTS),
     "actuation": (MILLISECOND, "torque with gravity", "N m", "", _JOINTS),
     "state": (MILLISECOND, _STATE, "rad,rad/s", "", (*_JOINTS, *_SPEEDS)),
     "ink": (math.inf, "fraction left in each cell, along x first", "1", "B"),
-    "erase_time": (
-        math.inf,
-        "time at which a cell became clean, along x first",
-        "s",
-        "B",
-    ),
+    "erase_time": (math.inf, _ERASED, "s", "B"),
     "cleaned_fraction": (_RARE, _CLEANED, "1", "", ("cleaned",)),
     "normal_force": (_SLOW, "of the eraser on the board", "N", "", ("force",)),
     "desired_normal_force": (_SLOW, "of the skill", "N", "", ("force",)),
     "penetration": (_SLOW, _PENETRATION, "m", "", ("depth",)),
     "contact_area": (_SLOW, "between eraser and board", "m^2", "", ("area",)),
-    "disturbance": (
-        _SLOW,
-        "force of the disturbances on E",
-        "N",
-        "W",
-        POSITION_CHANNELS,
-    ),
+    "disturbance": (_SLOW, "force of the disturbances on E", "N", "W", _XYZ),
 }
 SIGNALS = {name: SignalKind(*kind) for name, kind in _KINDS.items()}
 """Signals of a log by their names."""

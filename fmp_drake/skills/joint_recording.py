@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JointIndex
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
@@ -103,9 +102,9 @@ def FindRobot(demonstration: Demonstration, *, robot: str) -> str | None:
 
 
 def _joint_names(plant: MultibodyPlant) -> list[str]:
-    joints = [plant.get_joint(JointIndex(i)) for i in range(plant.num_joints())]
-    moving = [joint for joint in joints if joint.num_positions() == 1]
-    return [j.name() for j in sorted(moving, key=lambda j: int(j.position_start()))]
+    return plant.GetPositionNames(
+        add_model_instance_prefix=False, always_add_suffix=False
+    )
 
 
 def EraserPath(

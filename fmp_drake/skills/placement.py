@@ -19,6 +19,8 @@ from fmp_drake.primitives.data.channels import (
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.skills.joint_recording import EraserPath, FindRobot, RobotJoints
 from fmp_drake.skills.surface_placement import (
+    BORDER,
+    check_scale,
     curved_surface_remark,
     place_on_fitted_surface,
 )
@@ -31,12 +33,10 @@ _SAMPLES = 2000
 # Width of a path that an arm can follow, m.
 _WIDTHS = (0.003, 3.0)
 _GUESSES = {"millimetres": ("mm", 1e-3), "centimetres": ("cm", 1e-2)}
-# Free border around the eraser, m.
-_BORDER = 0.02
 # Distance from the plane up to which a sample is on it, m.
 _TOUCH = 0.01
-# Least fraction of the time on the board, and least scale, of an accepted placement.
-_LEAST_TOUCHING, _LEAST_SCALE = 0.2, 0.3
+# Least fraction of the time on the board of an accepted placement.
+_LEAST_TOUCHING = 0.2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -361,23 +361,18 @@ def place_on_board(
         return placement.apply(demonstration), remarks
     if demonstration.frame == "board":
         return demonstration, remarks
-    usable = np.array(scenario.board.size) - scenario.eraser.footprint - _BORDER
+    usable = np.array(scenario.board.size) - scenario.eraser.footprint - BORDER
     placement = fit_placement(demonstration, usable=usable)
     touching = f"{100 * placement.touching:.0f} % of the time"
-    at_size = f"{100 * placement.scale:.0f} % of its size"
     instead = "Give its pose (--transform), or learn it as it is (learn --as-recorded)."
     if placement.touching < _LEAST_TOUCHING:
         raise DemonstrationError(
             f"on the board it would touch it {touching}; at least "
             f"{100 * _LEAST_TOUCHING:.0f} % is needed. {instead}"
         )
-    if placement.scale < _LEAST_SCALE:
-        raise DemonstrationError(
-            f"it would fit onto the board at {at_size}; at least "
-            f"{100 * _LEAST_SCALE:.0f} % is needed. {instead}"
-        )
+    check_scale(placement.scale, instead)
     remarks.append(
-        f"placed in the middle of the board by its plane, at {at_size}; it touches the "
-        f"board {touching}"
+        "placed in the middle of the board by its plane, at "
+        f"{100 * placement.scale:.0f} % of its size; it touches the board {touching}"
     )
     return placement.apply(demonstration), remarks

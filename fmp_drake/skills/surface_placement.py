@@ -36,8 +36,10 @@ EXTRA_CHANNELS = ("orientation", "force")
 # Force above which the tool touches, relative to its 95 % quantile; height without a force, m.
 _PRESSED, _TOUCH = 0.3, 0.01
 _LEAST_FORCE = 1.0  # N; with a smaller quantile nothing was touched.
-# Free border around the eraser, and least scale of a placement that makes sense.
-_BORDER, _LEAST_SCALE = 0.02, 0.3
+BORDER = 0.02
+"""Free border around the eraser, m."""
+# Least scale of a placement that makes sense.
+_LEAST_SCALE = 0.3
 _LEAST_SAMPLES = 4  # Of a bout.
 # Ratio of residuals below which a curved surface is recommended instead of a plane.
 _FAR_BETTER = 0.5
@@ -166,6 +168,21 @@ def place_on_fitted_surface(
     return placed, remarks
 
 
+def check_scale(scale: float, advice: str) -> None:
+    """Refuse a scale at which a movement makes no sense.
+
+    Raises
+    ------
+    DemonstrationError
+        Where it is less than 30 %.
+    """
+    if scale < _LEAST_SCALE:
+        raise DemonstrationError(
+            f"it would fit onto the board at {100 * scale:.0f} % of its size; at least "
+            f"{100 * _LEAST_SCALE:.0f} % is needed. {advice}"
+        )
+
+
 def curved_surface_remark(demonstrations: Sequence[Demonstration]) -> str:
     """Return a remark where a curved surface fits the contact far better than a plane.
 
@@ -252,15 +269,10 @@ def _set_board(
         [uvh[c.in_bout, :2] for uvh, c in zip(coordinates, contacts, strict=True)]
     )
     low, high = learned.min(axis=0), learned.max(axis=0)
-    board, edges = scenario.board, np.array(scenario.eraser.footprint) + _BORDER
+    board, edges = scenario.board, np.array(scenario.eraser.footprint) + BORDER
     extent = np.maximum(high - low, 1e-9)
     scale = float(min(1.0, np.min((np.array(board.size) - edges) / extent)))
-    if scale < _LEAST_SCALE:
-        raise DemonstrationError(
-            f"it would fit onto the board at {100 * scale:.0f} % of its size; at least "
-            f"{100 * _LEAST_SCALE:.0f} % is needed. Use a larger board, or check the unit "
-            "(--unit)."
-        )
+    check_scale(scale, "Use a larger board, or check the unit (--unit).")
     board.shape, board.axis = fit.shape, "x"
     x, y, z = board.translation
     if fit.shape != "plane":

@@ -262,9 +262,8 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
             check_number(value, name, least=0, whole=True, error=ExperimentError)
         rng = np.random.default_rng(seed)
         counts = rng.multinomial(n, self.proportions_ / self.proportions_.sum())
-        size = self.means_.shape[1]
         parts = [
-            mean + rng.standard_normal((count, size)) @ _factor(covariance).T
+            rng.multivariate_normal(mean, covariance, count, method="eigh")
             for count, mean, covariance in zip(
                 counts, self.means_, self.covariances_, strict=True
             )
@@ -390,13 +389,6 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         channels = np.eye(self.n_channels_)
         rows = np.einsum("kb,de->kdeb", self._rows(steps), channels)
         return rows.reshape(-1, self.means_.shape[1])
-
-
-def _factor(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a square root L of a covariance, L L' = covariance."""
-    variances, vectors = np.linalg.eigh(covariance)
-    out: NDArray[np.float64] = vectors * np.sqrt(np.maximum(variances, 0))
-    return out
 
 
 # Narrow bases: nearly the best on held-out data of all bundled demonstrations. The
