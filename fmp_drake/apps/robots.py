@@ -6,8 +6,11 @@ import click
 from rich.table import Table
 
 from fmp_drake.apps.page import make_console, print_next
+from fmp_drake.errors import StationError
 from fmp_drake.station.reach.posture import FindLevelReach
+from fmp_drake.station.robots.joint_inertia import CheckJointInertia
 from fmp_drake.station.robots.robot import ListRobots, LoadRobot, MakeRobotModel
+from fmp_drake.systems import ImpedanceConfig
 
 
 @click.command()
@@ -18,9 +21,14 @@ def robots(files: tuple[str, ...]) -> None:
     table = Table(show_header=True, box=None, padding=(0, 2, 0, 0))
     for column in ("robot", "joints", "mass", "reach", ""):
         table.add_column(column, overflow="fold")
+    too_light = []
     for name in files or ListRobots():
         config = LoadRobot(name)
         robot = MakeRobotModel(config)
+        try:
+            CheckJointInertia(robot, ImpedanceConfig())
+        except StationError as error:
+            too_light.append(str(error))
         context = robot.plant.CreateDefaultContext()
         mass = robot.plant.CalcTotalMass(context, [robot.arm])
         table.add_row(
@@ -35,4 +43,6 @@ def robots(files: tuple[str, ...]) -> None:
         "reach: greatest distance in front of the base at which the eraser can lie level on "
         "a table"
     )
+    for message in too_light:
+        console.print(message, markup=False, soft_wrap=True)
     print_next(console, "wipe", "--robot", files[0] if files else "NAME")

@@ -24,6 +24,7 @@ from fmp_drake.numeric import check_number, finite_array
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.models.whiteboard import AddWhiteboard, FilterHull
 from fmp_drake.station.reach.posture import SolvePosture
+from fmp_drake.station.robots.joint_inertia import CheckJointInertia
 from fmp_drake.station.robots.robot import (
     AddRobot,
     FilterSelfContact,
@@ -126,6 +127,7 @@ def AddBoardScene(
         )
     config = LoadRobot(scenario.robot)
     model = MakeRobotModel(config, scenario.held_tool())
+    CheckJointInertia(model, scenario.impedance)
     if simulated:
         plant, scene_graph = _AddPlant(builder, scenario)
     else:

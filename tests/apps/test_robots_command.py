@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from fmp_drake.station import LoadRobot
+from fmp_drake.station import LoadRobot, models_dir
 from fmp_drake.station.robots.robot import ListRobots
 
 
@@ -25,6 +25,7 @@ def test_every_robot_is_listed_with_its_joints_and_reach(command):
         assert robot.description.split()[: len(description)] == description
     assert lines["ur5e"].split()[1:3] == ["6", "21.7"]
     assert "--robot" in result.out
+    assert "reflected_inertia" not in result.out
 
 
 def test_a_robot_of_a_file_is_listed(command, tmp_path):
@@ -44,6 +45,18 @@ description: Mine.
     assert "Mine." in result.out
     assert "panda" not in result.out
     assert f"next: fmp-drake wipe --robot {tmp_path / 'mine.yaml'}" in result.out
+
+
+def test_a_joint_that_is_too_light_is_named_with_the_key_that_mends_it(
+    command, tmp_path
+):
+    text = (models_dir() / "ur5e" / "ur5e.yaml").read_text()
+    text = text.replace("ur5e.urdf", str(models_dir() / "ur5e" / "ur5e.urdf"))
+    (tmp_path / "light.yaml").write_text(f"{text}\nreflected_inertia: 0\n")
+    result = command("robots", tmp_path / "light.yaml")
+    assert result.code == 0
+    assert "ur5e_joint6 of ur5e.urdf has an inertia of only" in result.out
+    assert "reflected_inertia: 0.1" in result.out
 
 
 def test_an_unknown_robot_is_refused_with_the_known_ones(refused):

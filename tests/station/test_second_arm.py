@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from fmp_drake.errors import StationError
 from fmp_drake.runs import RunLog, WipingRun
-from fmp_drake.station import CheckFeasibility, LoadRobot, LoadScenario
+from fmp_drake.station import CheckFeasibility, LoadRobot, LoadScenario, MakeStation
 from fmp_drake.station.robots.robot import MakeRobotModel
 from fmp_drake.systems.impedance.controller_status import StatusFlag
 
@@ -129,6 +129,19 @@ def test_its_reach_is_checked(folder, bundled_skill):
     assert feasibility.values["reachable_fraction"] > 0.99
     scenario.board.translation = [1.1, 0.0, 0.1]
     assert not CheckFeasibility(scenario, bundled_skill).is_feasible
+
+
+def test_the_page_gives_the_inertia_of_the_motors_without_which_it_is_refused(
+    folder, bundled_skill
+):
+    (folder / "light.yaml").write_text(re.sub("reflected_inertia.*\n", "", ROBOT))
+    scenario = LoadScenario("table_top", robot=str(folder / "light.yaml"))
+    for attempt in (CheckFeasibility, MakeStation):
+        with pytest.raises(
+            StationError,
+            match=r"joint6 of arm\.urdf has .* 0\.0021 kg m².* reflected_inertia: 0\.1",
+        ):
+            attempt(scenario, bundled_skill)
 
 
 def test_a_posture_of_another_length_is_refused(folder):

@@ -14,6 +14,7 @@ from fmp_drake.station.reach.tracking_prediction import (
     PredictedMotion,
     TrackingPredictor,
 )
+from fmp_drake.station.robots.joint_inertia import CheckJointInertia
 from fmp_drake.station.robots.robot import (
     CollectCollisionSpheres,
     LoadRobot,
@@ -169,6 +170,7 @@ class BoardReach:
         self._scenario, self._bounds = scenario, bounds
         config = LoadRobot(scenario.robot)
         self._model = model = MakeRobotModel(config, scenario.held_tool())
+        CheckJointInertia(model, scenario.impedance)
         self._predictor = TrackingPredictor(model.plant, model.tip, scenario.impedance)
         self._clearance = ArmClearance(config)
         self._p_WBase = np.array(config.base_pose.translation)

@@ -1,5 +1,6 @@
 """Robots: configuration (a YAML file beside a URDF), models in plants, rigid geometry."""
 
+import re
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from pydrake.geometry import Box, Capsule, CollisionFilterDeclaration, Role, SceneGraph
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, ModelInstanceIndex
+from pydrake.multibody.tree import Frame, JointActuator, ModelInstanceIndex
 
 from fmp_drake.errors import StationError
 from fmp_drake.settings import bounded, check_settings
@@ -59,6 +60,9 @@ class RobotConfig:
         Groups of bodies that cannot touch each other; `tool` stands for the tool.
     friction : FrictionConfig
         Of its joints; lists of n, or empty where it is not known.
+    reflected_inertia : list of floats
+        Inertia of the motors as seen at the joints, kg m²: one number for all, or n. It
+        replaces the model's; empty where the model has it.
     max_torque_rate : float
         Fastest change of any joint torque that it accepts, Nm/s.
     driver : str
@@ -85,6 +89,7 @@ class RobotConfig:
     posture: list[float] = bounded([])
     contact_free: list[list[str]] = field(default_factory=list)
     friction: FrictionConfig = field(default_factory=FrictionConfig)
+    reflected_inertia: list[float] = bounded([], least=0)
     max_torque_rate: float = bounded(1000.0, above=0)
     driver: str = ""
     joint_names: list[str] = field(default_factory=list)
@@ -154,6 +159,7 @@ def LoadRobot(robot: str | Path) -> RobotConfig:
         )
     with in_one_line(f"{file.name} is not a robot"):
         text = file.read_text(encoding="utf-8")
+        text = re.sub(r"(?m)^(reflected_inertia: *)([\d.][^\s,]*)", r"\1[\2]", text)
         config: RobotConfig = load_settings(RobotConfig, text)
         _CheckRobot(config)
     config.model = str(file.parent / config.model)
@@ -171,6 +177,11 @@ def _CheckRobot(config: RobotConfig) -> None:
             raise StationError(
                 f"friction.{name} is {values}; expected {n} numbers, as in posture."
             )
+    if len(config.reflected_inertia) not in (0, 1, n):
+        raise StationError(
+            f"reflected_inertia is {config.reflected_inertia}; expected one number, or {n} "
+            "as in posture."
+        )
     if len(config.joint_names) not in (0, n):
         raise StationError(
             f"joint_names is {config.joint_names}; expected {n} names, as in posture."
@@ -217,7 +228,12 @@ def AddRobot(
             if (folder / "package.xml").is_file() and folder != models_dir():
                 parser.package_map().AddPackageXml(str(folder / "package.xml"))
         (arm,) = parser.AddModels(config.model)
-    _CheckModel(plant, arm, config)
+    motors = _CheckModel(plant, arm, config)
+    if config.reflected_inertia:
+        inertias = np.broadcast_to(config.reflected_inertia, len(motors))
+        for motor, inertia in zip(motors, inertias, strict=True):
+            motor.set_default_rotor_inertia(inertia)
+            motor.set_default_gear_ratio(1.0)
     tool_instance, tip = AddTool(plant, tool or EraserConfig())
     plant.WeldFrames(
         plant.world_frame(),
@@ -234,8 +250,10 @@ def AddRobot(
 
 def _CheckModel(
     plant: MultibodyPlant, arm: ModelInstanceIndex, config: RobotConfig
-) -> None:
+) -> list[JointActuator]:
     """Check that a model has what its configuration names, and actuated joints only.
+
+    Returns the actuators, in the order of the joints.
 
     Raises
     ------
@@ -268,8 +286,8 @@ def _CheckModel(
         )
     # Only a finalized plant lists the actuators of one model.
     actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
-    actuated = {actuator.joint().index() for actuator in actuators}
-    if without := [j.name() for j in joints if j.index() not in actuated]:
+    motors = {actuator.joint().index(): actuator for actuator in actuators}
+    if without := [j.name() for j in joints if j.index() not in motors]:
         raise StationError(
             f"{', '.join(without)} of {model} cannot be moved: a joint needs a transmission "
             "(an actuator) and an effort limit above 0, Nm."
@@ -287,6 +305,7 @@ def _CheckModel(
                 f"posture has {angle:g} for {joint.name()}, whose range is {low:g} to "
                 f"{high:g} rad; choose an angle in it."
             )
+    return [motors[joint.index()] for joint in joints]
 
 
 def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Frame]:

@@ -32,7 +32,7 @@ class JointWallConfig:
     ----------
     width : float
         Width of the spring at a limit, rad. At half of it the spring's torque is the
-        joint's effort limit.
+        joint's effort limit; without one the spring is critically damped.
     braking_acceleration : float
         Deceleration, rad/s², that bounds the speed towards a joint-limit spring.
     speed_fraction : float
@@ -124,7 +124,8 @@ def wall_torque(
         depth = min(max(config.width - margin, 0.0), config.width) / config.width
         strength = min(limits.upper_effort[i], -limits.lower_effort[i])
         if not math.isfinite(strength):
-            strength = inertia[i] / config.braking_time**2
+            # The spring that its damper damps critically.
+            strength = inertia[i] * config.width / (8 * config.braking_time**2)
         # Speed towards the limit, and its excess.
         speed = side * v[i]
         most = config.speed_fraction * limits.speed[i]

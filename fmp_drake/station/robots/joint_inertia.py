@@ -1,0 +1,138 @@
+"""Least inertia of a joint for the springs and dampers of a sampled controller."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.multibody.tree import JacobianWrtVariable
+from scipy.linalg import eigh
+
+from fmp_drake.errors import StationError
+from fmp_drake.station.robots.robot import Robot
+from fmp_drake.systems import ImpedanceConfig
+from fmp_drake.systems.interface.arm_model import joint_limits
+
+Array = NDArray[np.float64]
+
+# Reflected inertias that are tried for the message of an error, kg m², and the estimate for
+# each joint of the iiwa and the UR5e.
+_TRIED, _USUAL = np.geomspace(1e-4, 10.0, 101), 0.1
+
+
+def stability_ratio(stiffness: ArrayLike, damping: ArrayLike, period: float) -> Array:
+    """Return the stiffness of a sampled spring relative to the largest stable one.
+
+    A controller reads the state at the time ``t`` and applies the torque one period ``h``
+    later. With ``a² = k h²`` and ``c = d h`` the loop has the characteristic polynomial
+    ``z³ − 2 z² + (1 + c + a²) z − c``. By Jury's criterion it is stable for
+    ``a² < c (1 − c)`` and ``c < 1``. With a damping ratio ζ, ``c = 2 ζ a``, this is
+    ``a < 2 ζ / (1 + 4 ζ²)``.
+
+    Parameters
+    ----------
+    stiffness, damping : array_like, shape (n,)
+        ``k`` and ``d`` per unit of inertia, 1/s² and 1/s.
+    period : float
+        ``h``, s.
+
+    Returns
+    -------
+    array, shape (n,)
+        Less than 1 for a stable loop.
+
+    Examples
+    --------
+    >>> stability_ratio([2500.0], [100.0], 0.001).round(3)
+    array([0.028])
+    """
+    c = np.multiply(damping, period)
+    largest = np.maximum(c * (1 - c), 1e-12)
+    return np.asarray(np.multiply(stiffness, period**2) / largest)
+
+
+def CheckJointInertia(robot: Robot, config: ImpedanceConfig) -> None:
+    """Check that no joint is too light for the controller at its control period.
+
+    The springs at the joint limits and those of the tool make a light joint oscillate with
+    a growing amplitude, see `stability_ratio`. A model without the inertia of its motors
+    has such joints in its wrist.
+
+    Parameters
+    ----------
+    robot : Robot
+        In a finalized plant that holds nothing else. Its posture is checked.
+    config : ImpedanceConfig
+
+    Raises
+    ------
+    StationError
+        With the lightest joint, and the reflected inertia that is sufficient.
+
+    Examples
+    --------
+    >>> from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
+    >>> CheckJointInertia(MakeRobotModel(LoadRobot("panda")), ImpedanceConfig())
+    """
+    plant = robot.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, np.array(robot.config.posture))
+    M = plant.CalcMassMatrix(context)
+    J = plant.CalcJacobianSpatialVelocity(
+        context,
+        JacobianWrtVariable.kV,
+        robot.tip,
+        np.zeros(3),
+        plant.world_frame(),
+        robot.tip,
+    )
+    limits = joint_limits(plant)
+    effort = np.minimum(limits.upper_effort, -limits.lower_effort)
+    ratios = _ratios(config, M, J, effort)
+    if np.max(ratios) < 1:
+        return
+    i, motors = int(np.argmax(ratios)), np.eye(len(M))
+    for needed in _TRIED:
+        if np.max(_ratios(config, M + needed * motors, J, effort)) < 1:
+            break
+    else:
+        raise StationError(
+            f"impedance.control_period is {config.control_period:g} s; with it no arm is "
+            "stable in its springs. Choose a shorter one."
+        )
+    joints = map(plant.get_joint, plant.GetJointIndices(robot.arm))
+    name = [joint.name() for joint in joints if joint.num_positions()][i]
+    raise StationError(
+        f"{name} of {Path(robot.config.model).name} has an inertia of only "
+        f"{1 / np.linalg.inv(M)[i, i]:.2g} kg m². The controller's springs would make it "
+        f"oscillate at a control period of {config.control_period:g} s. Give the inertia of "
+        f"the motors as seen at the joints, at least {needed:.2g} kg m², in the robot's YAML "
+        f"file: reflected_inertia: {max(_USUAL, needed):.2g}"
+    )
+
+
+def _ratios(config: ImpedanceConfig, M: Array, J: Array, effort: Array) -> Array:
+    """Return the greatest `stability_ratio` of each joint's springs, shape (n,).
+
+    Parameters
+    ----------
+    config : ImpedanceConfig
+    M : array, shape (n, n)
+        Mass matrix, kg m².
+    J : array, shape (6, n)
+        Jacobian of the tool in the axes of the stiffness.
+    effort : array, shape (n,)
+        Effort limits, Nm; infinite where there is none.
+    """
+    period, walls = config.control_period, config.walls
+    # Angular acceleration of each joint by a unit of its own torque, 1/(kg m²).
+    flexibility = np.diag(np.linalg.inv(M))
+    stiffness = 2 * np.where(np.isfinite(effort), effort, 0.0) / walls.width
+    damping = np.diag(M) / walls.braking_time
+    ratios = stability_ratio(flexibility * stiffness, flexibility * damping, period)
+    # The modes of the tool in its springs; the lightest joint moves most in the fastest.
+    squares, modes = eigh(J.T @ config.stiffness() @ J, M)
+    damping = 2 * config.damping_ratio * np.sqrt(squares[-1])
+    tool = stability_ratio(squares[-1], damping, period)
+    i = int(np.argmax(np.abs(modes[:, -1])))
+    ratios[i] = max(ratios[i], tool)
+    return ratios
