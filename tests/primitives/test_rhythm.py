@@ -133,10 +133,20 @@ def test_reversal_is_not_a_pause():
     found = find_rhythm(demonstration(drop(phase)))
     backwards = [part for part in found.left_out if part.kind == "backwards"]
     assert sum(part.duration for part in backwards) == pytest.approx(25, abs=1.5)
-    assert "pause" not in {part.kind for part in found.left_out}
+    assert backwards == list(found.left_out)
     text = " ".join(found.remarks())
     assert "the direction reverses" in text
     assert "% of the recording is left out" in text
+
+
+@pytest.mark.parametrize("size", [0, 1e-3, 2e-3])
+def test_noise_of_a_sensor_does_not_make_a_lift_of_a_pause(size):
+    path = drop(phases(600))
+    values = np.concatenate([path[:280], np.tile(path[280], (60, 1)), path[280:]])
+    values += size * np.random.default_rng(5).standard_normal(values.shape)
+    (pause,) = find_rhythm(demonstration(values)).left_out
+    assert pause.kind == "pause"
+    assert (pause.start, pause.end) == pytest.approx((14, 17), abs=0.3)
 
 
 def test_two_movements_in_one_recording_are_told_apart():

@@ -75,8 +75,9 @@ _SHORTEST_BOUT = 12
 _LEAST_EXTENSION = 0.6
 # Least duration of another movement or of reversed motion, in periods.
 _LEAST_OTHER = 1.5
-# Speed at rest relative to that of the movement, and the least fraction of a pause at rest.
-_REST, _PAUSE_FRACTION = 0.15, 0.5
+# Speed at rest relative to that of the movement, the samples over which it is measured, and
+# the least fraction of a pause at rest.
+_REST, _REST_LAG, _PAUSE_FRACTION = 0.15, 8, 0.5
 _BOUT, _LEFT_OUT, _BACKWARDS, _OTHER = range(4)
 # Noise of a channel that the phase ignores: least fraction of its own variance, and of the
 # variance of all channels.
@@ -424,9 +425,10 @@ def _attempt(
         label[reverse] = _BACKWARDS
         label[other] = _OTHER
         # A short transition to another movement is not a pause.
+        shortest = max(_SHORTEST_BOUT, _LEAST_EXTENSION * period)
         for a, b in runs(label == _LEFT_OUT):
             neighbours = {int(x) for x in (*label[a - 1 : a], *label[b : b + 1])}
-            if b - a < _SHORTEST_BOUT and neighbours - {_BOUT}:
+            if b - a < shortest and neighbours - {_BOUT}:
                 label[a:b] = max(neighbours)
         labels.append(label)
     return _Attempt(labels, track, period)
@@ -500,6 +502,10 @@ def _kind(values: Array, label: Indices, start: int, end: int, speed: float) -> 
         return "approach"
     if end == len(values):
         return "retreat"
-    steps = np.linalg.norm(np.diff(values[start:end], axis=0), axis=1)
-    at_rest = float(np.mean(steps < _REST * speed)) if end - start > 1 else 1.0
-    return "pause" if at_rest > _PAUSE_FRACTION else "lift"
+    # Over several samples the noise of a sensor is smaller than a movement.
+    lag = max(1, min(_REST_LAG, (end - start) // 3))
+    steps = np.linalg.norm(
+        values[start + lag : end] - values[start : end - lag], axis=1
+    )
+    is_pause = np.mean(steps < _REST * speed * lag) > _PAUSE_FRACTION
+    return "pause" if is_pause or end - start == 1 else "lift"
