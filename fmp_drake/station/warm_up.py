@@ -25,7 +25,6 @@ from fmp_drake.systems.ink.grid import CoverageChoice, InkGrid
 from fmp_drake.systems.ink.mesh import corner_shades, ink_mesh
 from fmp_drake.systems.ink.rubbing import Cells, compile_rubbing
 from fmp_drake.systems.page.paths import rod_mesh
-from fmp_drake.systems.surface.surface import PLANE, place
 
 _COMPILE_STEP = """
 from fmp_drake.systems.impedance.compilation import compile_step
@@ -131,9 +130,7 @@ def WarmUp(report: Callable[[float], object] = lambda _: None) -> None:
         ).fit(circles)
         for model in ("phase", "mixture")
     ]
-    # Functions of a page.
-    rod_mesh(circles, 0.01)
-    place(PLANE, circles)
+    rod_mesh(circles, 0.01)  # A function of a page.
     for skill in skills:
         Player(skill).rollout(start=circles[0], duration=1.0)
     for fraction in law.progress():

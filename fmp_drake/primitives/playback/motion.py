@@ -176,6 +176,7 @@ def segment_motion(segment: Segment, seconds: float) -> Array:
     t = segment.time_since_tick + 0.5 * (segment.tempo + tempo) * seconds
     channels, modes = segment.rates.shape
     out = np.zeros((3, channels))
+    offset = decayed_offset(segment.offset, segment.blend_time, seconds)
     for d in range(channels):
         for j in range(modes):
             c, rate = segment.coefficients[d, j], segment.rates[d, j]
@@ -193,7 +194,9 @@ def segment_motion(segment: Segment, seconds: float) -> Array:
         # From the skill's time to real time.
         out[2, d] = tempo * tempo * out[2, d] + segment.tempo_rate * out[1, d]
         out[1, d] *= tempo
-    return out + decayed_offset(segment.offset, segment.blend_time, seconds)
+        for k in range(3):
+            out[k, d] += offset[k, d]
+    return out
 
 
 @compiled

@@ -427,8 +427,13 @@ class CoverageChoice:
         half = np.maximum(np.array(self.footprint) / 2 - self.margin, 0.0)
         reach = np.floor(half / pitch + 1e-9).astype(np.intp)
         p_BE = self.grid.on_all_turns(paths[..., list(self.position)])
-        cells = np.floor((p_BE[..., :2] - self.grid.corner) / pitch).astype(np.intp)
-        return _passed_over(ink, cells, p_BE[..., 2] <= self.height, reach)
+        cells = np.floor((p_BE[..., :2] - self.grid.corner) / pitch)
+        return _passed_over(
+            ink,
+            cells.astype(np.intp, order="C"),
+            p_BE[..., 2] <= self.height,
+            reach,
+        )
 
     def tracked(
         self, player: Player, state: PlaybackState, ink: Array
@@ -468,8 +473,10 @@ def _passed_over(
     total = np.zeros(len(cells))
     last = np.full(ink.shape, -1)  # The last path that a cell was counted for.
     for i in range(len(cells)):
-        for k in np.flatnonzero(down[i]):
-            column, row = cells[i, k]
+        for k in range(cells.shape[1]):
+            if not down[i, k]:
+                continue
+            column, row = cells[i, k, 0], cells[i, k, 1]
             for y in range(max(row - reach[1], 0), min(row + reach[1] + 1, len(ink))):
                 for x in range(
                     max(column - reach[0], 0), min(column + reach[0] + 1, ink.shape[1])

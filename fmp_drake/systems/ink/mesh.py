@@ -177,7 +177,8 @@ def _rectangles(
             if level and extends and i - rectangles[count - 1, 1] < longest:
                 rectangles[count - 1, 2] = i + 1
             elif drawn:
-                rectangles[count] = row, i, i + 1
+                rectangles[count, 0] = row
+                rectangles[count, 1], rectangles[count, 2] = i, i + 1
                 count += 1
             extends = level
     vertices = np.full((3, 4 * count), lift)
@@ -190,8 +191,10 @@ def _rectangles(
             vertices[0, 4 * k + i] = x[j]
             vertices[1, 4 * k + i] = y[row + high] + high * overlap
             tones[4 * k + i] = shades[row + high, j]
-        faces[:, 2 * k] = 4 * k, 4 * k + 1, 4 * k + 2
-        faces[:, 2 * k + 1] = 4 * k, 4 * k + 2, 4 * k + 3
+        for side in range(2):
+            faces[0, 2 * k + side] = 4 * k
+            faces[1, 2 * k + side] = 4 * k + 1 + side
+            faces[2, 2 * k + side] = 4 * k + 2 + side
     return vertices, faces, tones
 
 

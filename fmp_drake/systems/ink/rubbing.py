@@ -163,7 +163,9 @@ def exposure(
         for k in range(len(patch.starts) - 1):
             begin, end = patch.starts[k], patch.starts[k + 1]
             level, slope_u, slope_v = _plane(u, v, patch.vertices[:, 2], begin, end)
-            lowest, highest = v[begin:end].min(), v[begin:end].max()
+            lowest, highest = v[begin], v[begin]
+            for i in range(begin, end):
+                lowest, highest = min(lowest, v[i]), max(highest, v[i])
             for row in range(
                 max(math.ceil(lowest), 0), min(math.ceil(highest), cells.n_y)
             ):

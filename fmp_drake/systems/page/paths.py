@@ -1,8 +1,8 @@
 """Paths in Meshcat: meshes along them, drawings, and animations."""
 
+import math
 from collections.abc import Iterable
 from itertools import pairwise
-from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,24 +66,29 @@ def _rod(path: Array, radii: Array) -> Mesh:
     vertices = np.empty((3, n * sides))
     faces = np.empty((3, 2 * (n - 1) * sides), dtype=np.int32)
     for i in range(n):
-        tangent = path[min(i + 1, n - 1)] - path[max(i - 1, 0)]
-        length = np.sqrt(np.sum(tangent * tangent))
+        before, after = max(i - 1, 0), min(i + 1, n - 1)
+        x = path[after, 0] - path[before, 0]
+        y = path[after, 1] - path[before, 1]
+        z = path[after, 2] - path[before, 2]
+        length = math.sqrt(x * x + y * y + z * z)
         # Where the path is at rest, any direction is suitable.
-        x, y, z = tangent / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
+        along = length > 1e-9
+        x, y, z = (x / length, y / length, z / length) if along else (1.0, 0.0, 0.0)
         # Two unit vectors across, the first level: z x along, or x on the way up.
-        width = np.hypot(x, y)
+        width = math.hypot(x, y)
         u, v = (-y / width, x / width) if width > 1e-3 else (1.0, 0.0)
-        up = np.array([-z * v, z * u, x * v - y * u])
         for k in range(sides):
-            angle = 2 * np.pi * k / sides
-            cos, sin = radii[i] * np.cos(angle), radii[i] * np.sin(angle)
+            angle = 2 * math.pi * k / sides
+            cos, sin = radii[i] * math.cos(angle), radii[i] * math.sin(angle)
             a, b = i * sides + k, i * sides + (k + 1) % sides
-            vertices[0, a] = path[i, 0] + cos * u + sin * up[0]
-            vertices[1, a] = path[i, 1] + cos * v + sin * up[1]
-            vertices[2, a] = path[i, 2] + sin * up[2]
+            vertices[0, a] = path[i, 0] + cos * u - sin * (z * v)
+            vertices[1, a] = path[i, 1] + cos * v + sin * (z * u)
+            vertices[2, a] = path[i, 2] + sin * (x * v - y * u)
             if i < n - 1:
-                faces[:, 2 * a] = a, b, a + sides
-                faces[:, 2 * a + 1] = b, b + sides, a + sides
+                for side, corners in enumerate(((a, b), (b, b + sides))):
+                    faces[0, 2 * a + side] = corners[0]
+                    faces[1, 2 * a + side] = corners[1]
+                    faces[2, 2 * a + side] = a + sides
     return vertices, faces
 
 
@@ -266,8 +271,8 @@ def show_during(
     animation: MeshcatAnimation,
     path: str,
     *,
-    since: float = -inf,
-    until: float = inf,
+    since: float = -math.inf,
+    until: float = math.inf,
     end: float,
 ) -> None:
     """Show a path only in an interval, s, of an animation of finite duration."""

@@ -195,12 +195,15 @@ def point(surface: Surface, u: float, v: float) -> Array:
     return p
 
 
-@compiled
 def place(surface: Surface, uvh: Array) -> Array:
     """Return the positions in S of points given by (u, v, h), shape (N, 3), m."""
-    out = uvh.copy()
-    if surface.kx == 0 and surface.ky == 0:
-        return out
+    return uvh.copy() if surface.is_plane else _place(surface, uvh)
+
+
+@compiled
+def _place(surface: Surface, uvh: Array) -> Array:
+    """Place points on a curved surface."""
+    out = np.empty_like(uvh)
     for i in range(len(uvh)):
         u, v, h = uvh[i]
         out[i] = point(surface, u, v) + h * rotation(surface, u, v)[:, 2]

@@ -263,9 +263,13 @@ def best_path(cost: Array, step_cost: Array) -> tuple[int, Indices]:
             for s in range(count):
                 total = before[s] + step_cost[j]
                 least[s] = min(least[s], total)
-        best[i] += least
+        for s in range(count):
+            best[i, s] += least[s]
     out = np.zeros(n, dtype=np.int64)
-    state = int(np.argmin(best[n - 1]))
+    state = 0
+    for s in range(count):
+        if best[n - 1, s] < best[n - 1, state]:
+            state = s
     for i in range(n - 1, 0, -1):
         lowest = np.inf
         for j in range(reach + 1):
