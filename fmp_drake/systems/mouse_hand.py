@@ -27,7 +27,9 @@ from fmp_drake.systems.interface.callbacks import (
     spatial_force,
 )
 from fmp_drake.systems.teaching.mouse_drag import (
+    GUIDING,
     PULLING_DRAG,
+    STARTED,
     STATE,
     BoardSurface,
     Drag,
@@ -258,10 +260,13 @@ class MouseHand(LeafSystem):
         values.set_value(self._state, new)
 
     def _calc_forces(self, context: Any, output: Any) -> None:
-        s, config, board = self._read_state(context), self._config, self._board
-        if not s["started"] or not (s["guiding"] or config.holds):
+        config, board = self._config, self._board
+        # Plain numbers: fields of the record take five times as long, every millisecond.
+        numbers: Any = context.get_discrete_state(self._state).value()
+        if not (numbers[GUIDING] or (config.holds and numbers[STARTED])):
             output.set_value([])
             return
+        s = numbers.view(STATE)[0]
         body, point = self._guided(s)
         p_WQ, velocity = self._point(context, body, point)
         normal, height = None, 0.0

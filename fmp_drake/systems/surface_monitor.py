@@ -118,11 +118,11 @@ class SurfaceMonitor(LeafSystem):
     def _update(self, context: Context, values: DiscreteValues) -> None:
         poses: Any = self._poses.Eval(context)
         board, X_BoardB = self._surface
-        X_BW = (poses[board] @ X_BoardB).inverse()
-        X_BBody = np.array(
-            [(X_BW @ poses[body]).GetAsMatrix34() for body in self._bodies]
-        )
-        p = along(self._curvature, moved(X_BBody[self._owner], self._points))
+        X_WB = poses[board] @ X_BoardB
+        X_WBody = np.array([poses[body].GetAsMatrix34() for body in self._bodies])
+        p_W = moved(X_WBody[self._owner], self._points)
+        p_B = (p_W - X_WB.translation()) @ X_WB.rotation().matrix()
+        p = along(self._curvature, p_B)
         depth = deepest(p, self._radii, self._box)
         arm = self._on_arm
         touches = np.any(clearances(p[arm], self._radii[arm], self._box) < 0)

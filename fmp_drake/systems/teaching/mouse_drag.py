@@ -215,6 +215,11 @@ STATE = np.dtype(
 )
 """State of a drag as a structured type; see `follow`."""
 
+STARTED, GUIDING = (
+    list(STATE.names or ()).index(name) for name in ("started", "guiding")
+)
+"""Indices of these numbers in the state."""
+
 
 def no_drag() -> Array:
     """Return the initial state, shape (n,)."""
