@@ -607,6 +607,18 @@ def two_hands(folder):
     return write(folder, lines(*columns, header=",".join(["time", *names])))
 
 
+def left_and_right(folder):
+    names = [f"{hand}_{axis}" for axis in "xyz" for hand in "lr"]
+    columns = (TIME, *np.repeat(PATH.T, 2, axis=0))
+    return write(folder, lines(*columns, header=",".join(["time", *names])))
+
+
+def two_arms(folder):
+    names = [f"{hand}_arm_q{i}" for hand in ("left", "right") for i in range(1, 8)]
+    columns = (TIME, *np.tile(PATH[:, :1], 14).T)
+    return write(folder, lines(*columns, header=",".join(["time", *names])))
+
+
 def ros1_cut(folder):
     path = ros1_poses(folder).path
     path.write_bytes(path.read_bytes()[:20_000])

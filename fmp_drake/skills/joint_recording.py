@@ -11,6 +11,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
+from fmp_drake.primitives.data.reading.columns import NO_MEASURED_ANGLES
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.station import LoadRobot
 from fmp_drake.station.robots.robot import (
@@ -36,6 +37,8 @@ def RobotJoints(
 ) -> list[str]:
     """Return the channels of a robot's joints in order, or an empty list.
 
+    It is empty, too, if several arms were recorded and not only one was measured.
+
     They have the names of the joints in the robot's URDF or in its YAML file, or are
     numbered from 1 or 0: `iiwa_joint_1`, `joint1`, `q1`.
 
@@ -53,7 +56,8 @@ def RobotJoints(
     names = _joint_names(plant or MakeRobotModel(config).plant)
     if set(names) <= set(demonstration.channels):
         return names
-    numbers = {}
+    # Channels by the number of the joint, for each name of an arm before it.
+    arms: dict[str, dict[int, str]] = {}
     own = config.joint_prefixes
     others = (
         [] if own else [p for r in ListRobots() for p in LoadRobot(r).joint_prefixes]
@@ -62,17 +66,26 @@ def RobotJoints(
         known = [n for n in config.joint_names if f"_{channel}".endswith(f"_{n}")]
         match = _JOINT.fullmatch(channel)
         if known:
-            numbers[config.joint_names.index(known[0]) + 1] = channel
+            arm = arms.setdefault(channel.removesuffix(known[0]), {})
+            arm[config.joint_names.index(known[0]) + 1] = channel
         elif match is None:
             continue
         elif _has_word(match[1], own) or not (
             needs_own_names or (match[1] and own) or _has_word(match[1], others)
         ):
-            numbers[int(match[2])] = channel
-    for first in (1, 0):
-        if sorted(numbers) == list(range(first, first + len(names))):
-            return [numbers[i] for i in sorted(numbers)]
-    return []
+            arms.setdefault(match[1] or "", {})[int(match[2])] = channel
+    ranges = [list(range(first, first + len(names))) for first in (1, 0)]
+    complete = {name: arm for name, arm in arms.items() if sorted(arm) in ranges}
+    if len(complete) > 1:
+        complete = {
+            name: arm
+            for name, arm in complete.items()
+            if not NO_MEASURED_ANGLES.search(name.lower())
+        }
+    if len(complete) != 1:
+        return []
+    (numbers,) = complete.values()
+    return [numbers[i] for i in sorted(numbers)]
 
 
 def _has_word(prefix: str | None, words: Sequence[str]) -> bool:

@@ -1,5 +1,6 @@
 """Placement of demonstrations on the board of a scenario."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from fmp_drake.primitives.data.channels import (
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
 )
+from fmp_drake.primitives.data.reading.columns import SEVERAL
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.skills.joint_recording import EraserPath, FindRobot, RobotJoints
 from fmp_drake.skills.surface_placement import (
@@ -301,7 +303,14 @@ def _advice_without_position(demonstration: Demonstration, robot: str) -> str:
         return f"{advice}Learn it as it is: learn --as-recorded"
     lengths = [n for n, unit in zip(names, units, strict=True) if unit == "m"]
     first = lengths if len(lengths) >= len(POSITION_CHANNELS) else names
-    example = columns_option(dict(zip(POSITION_CHANNELS, first, strict=False)))
+    axes = [set(re.split(r"[\W_]+", name.lower())) for name in first]
+    sources = {
+        axis: next(
+            (n for n, words in zip(first, axes, strict=True) if axis in words), n0
+        )
+        for axis, n0 in zip(POSITION_CHANNELS, first, strict=False)
+    }
+    example = columns_option(sources)
     return (
         f"{advice}Learn it as it is (learn --as-recorded), or, if they are among the "
         f"channels, name them, such as {example}"
@@ -333,6 +342,11 @@ def place_on_board(
     if not set(POSITION_CHANNELS) <= set(names):
         robot = FindRobot(demonstration, robot=scenario.robot)
         if robot is None:
+            notes = demonstration.note.split("; ")
+            for several in (n for n in notes if n.startswith(SEVERAL)):
+                raise DemonstrationError(
+                    f"{several}, or learn all of them as they are (learn --as-recorded)"
+                )
             if not needs_board:
                 return demonstration, [
                     "as recorded: without x, y and z there is no board"

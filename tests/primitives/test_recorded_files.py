@@ -271,6 +271,11 @@ def test_broken_vicon_files_are_refused(old, new, message, tmp_path):
         (files.optitrack, "OptiTrack, Eraser; 1 marker left out"),
         (files.vicon_trajectories, "Vicon, Trajectories at 50 Hz"),
         (files.libfranka, "O_T_EE_0 to O_T_EE_15 are a pose"),
+        (files.left_and_right, r"several positions \(l_x, r_x .* x=l_x,y=l_y,z=l_z$"),
+        (
+            files.two_arms,
+            r"several arms \(left_arm_q1, right_arm_q1 .* joint1=left_arm_",
+        ),
         (files.two_hands, r"several positions \(left_x, right_x \.\.\.\): choose with"),
     ],
     ids=lambda each: getattr(each, "__name__", ""),

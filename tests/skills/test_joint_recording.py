@@ -173,6 +173,26 @@ def test_numbered_joints_of_another_robot_are_refused_with_its_name(
         place_on_board(recording, scenario=Scenario(robot=robot))
 
 
+@pytest.mark.parametrize(
+    ("before", "other", "first"),
+    [
+        ("left", "right", ""),
+        ("actual", "target", "actual_q1"),
+        ("pos", "vel", "pos_q1"),
+    ],
+)
+def test_only_one_arm_s_measured_joints_are_taken(before, other, first):
+    names = [f"{word}_q{i}" for word in (before, other) for i in range(1, 8)]
+    for order in (names, names[7:] + names[:7]):
+        recording = Demonstration(
+            time=np.arange(4.0),
+            values=np.zeros((4, 14)),
+            channels=order,
+            units=("rad",) * 14,
+        )
+        assert RobotJoints(recording, robot="iiwa14")[:1] == ([first] if first else [])
+
+
 def test_joints_in_the_order_of_the_alphabet_are_put_in_theirs():
     recording, path = of_robot("ur5e", tuple(UR_JOINTS))
     mixed = recording.select(sorted(UR_JOINTS))

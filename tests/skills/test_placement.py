@@ -4,18 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import recorded_files as files
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives import Demonstration, add_orientation
+from fmp_drake.primitives import Demonstration, ReadingOptions, add_orientation
+from fmp_drake.skills.joint_recording import RobotJoints
 from fmp_drake.skills.placement import (
     Placement,
     check_width,
     fit_placement,
     load_as_recorded,
+    load_on_board,
     place_on_board,
 )
 from fmp_drake.station import Scenario
@@ -263,4 +266,40 @@ def test_recording_without_a_position_is_kept_where_no_board_is_needed():
     assert kept is recording
     assert remarks == ["as recorded: without x, y and z there is no board"]
     with pytest.raises(DemonstrationError, match="the board needs x, y and z"):
+        place_on_board(recording, scenario=Scenario())
+
+
+@pytest.mark.parametrize(
+    ("make", "columns"),
+    [
+        (files.two_hands, "x=left_x,y=left_y,z=left_z"),
+        (files.left_and_right, "x=l_x,y=l_y,z=l_z"),
+        (files.two_arms, ",".join(f"joint{i}=left_arm_q{i}" for i in range(1, 8))),
+    ],
+)
+@pytest.mark.parametrize("needs_board", [True, False])
+def test_recording_of_two_arms_is_refused_with_the_columns_of_one(
+    make, columns, needs_board, tmp_path
+):
+    path = make(tmp_path).path
+    with pytest.raises(DemonstrationError, match=f"several .* --columns {columns}, or"):
+        load_on_board(
+            [path],
+            scenario=Scenario(),
+            transform=None,
+            stretch=1.0,
+            needs_board=needs_board,
+        )
+    reading = ReadingOptions(columns=dict(c.split("=") for c in columns.split(",")))
+    (chosen,), _ = load_as_recorded([path], stretch=1.0, reading=reading)
+    assert set(chosen.channels) <= {"x", "y", "z"} or RobotJoints(chosen)
+
+
+def test_columns_are_suggested_by_their_axes():
+    recording = Demonstration(
+        time=np.arange(4.0),
+        values=np.zeros((4, 6)),
+        channels=[f"{axis}_{hand}" for axis in "xyz" for hand in ("one", "two")],
+    )
+    with pytest.raises(DemonstrationError, match="--columns x=x_one,y=y_one,z=z_one"):
         place_on_board(recording, scenario=Scenario())

@@ -30,6 +30,9 @@ from fmp_drake.primitives.data.reading.table import (
     suffixed_unit,
 )
 
+SEVERAL = "several"
+"""First word of the remark on a recording of several positions or arms."""
+
 # In order of preference: a sensor's stamp before the time of receipt.
 _TIMES = (
     re.compile(r"(.*_)?(header_)?stamp"),
@@ -47,10 +50,17 @@ _POSITION = re.compile(
 _QUATERNION = re.compile(
     r"(.*?)_?(?:q|quats?|quaternions?|orientations?|rotations?|rot)_?([xyzw])"
 )
+_JOINT = re.compile(r"(|.*_)(?:joints?|q|j|a)_?(\d)(?:_pos(?:ition)?)?")
+# Numbers of the joints of an arm, which begin with 1 or 0.
+_NUMBERS = ("1234567", "0123456", "123456", "012345")
 # Positions that were commanded instead of measured.
 _COMMANDED = re.compile(
     r"(^|.*_)(t_ee_[dc]|des|desired|target|cmd|command|commanded|ref|reference|goal)(_.*|$)"
 )
+NO_MEASURED_ANGLES = re.compile(
+    rf"{_COMMANDED.pattern}|vel|acc|speed|tau|torque|effort|force|current|temp"
+)
+"""Words before the numbers of joints in the names of other values than measured angles."""
 _FORCE = re.compile(r"(.*?)_?(?:f|force)_?([xyz])")
 _NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|vel|acc|gyro|mag|angular"
@@ -204,7 +214,7 @@ def _complete_rows(
     complete = ~np.any(is_empty, axis=1)
     count = len(values) - int(np.count_nonzero(complete))
     incomplete = [n for n, e in zip(channels, is_empty.T, strict=True) if np.any(e)]
-    choice = next((r for r in remarks if r.startswith("several positions")), "")
+    choice = next((r for r in remarks if r.startswith(f"{SEVERAL} positions")), "")
     if count > (1 - _LEAST_COMPLETE) * len(values) or (count and choice):
         others = {
             name: c.source for name, c in channels.items() if name not in incomplete
@@ -360,6 +370,9 @@ def _channels(
     """
     labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
     positions = _groups([c for c in columns if _is_length(c)], _POSITION, "xyz")
+    if "l" in positions:  # Then r is the right hand, not a rotation.
+        hands = _groups(columns, _POSITION, "xyz").items()
+        positions |= {prefix: group for prefix, group in hands if prefix == "r"}
     orientations = _groups(columns, _QUATERNION, "xyzw")
     positions, orientations, commanded = _without_commanded(positions, orientations)
     if commanded:
@@ -376,13 +389,17 @@ def _channels(
             (group,) = groups.values()
             for column, name in zip(group, axes, strict=True):
                 labels[column.number] = name
+    joints = max((_groups(columns, _JOINT, n) for n in _NUMBERS), key=len)
+    joints = {p: g for p, g in joints.items() if not NO_MEASURED_ANGLES.search(p)}
     if len(positions) > 1:
-        listed = ", ".join(group[0].name for group in positions.values())
         prefix, group = next(iter(positions.items()))
-        sources = [c.source for c in (*group, *orientations.get(prefix, ()))]
+        chosen = (*group, *orientations.get(prefix, ()))
         pose = (*POSITION_CHANNELS, *QUATERNION_CHANNELS)
-        option = columns_option(dict(zip(pose, sources, strict=False)))
-        remarks.append(f"several positions ({listed} ...): choose with {option}")
+        remarks.append(_choice("positions", positions, pose, chosen))
+    elif len(joints) > 1:
+        chosen = next(iter(joints.values()))
+        names_of_joints = [f"joint{i}" for i in range(1, len(chosen) + 1)]
+        remarks.append(_choice("arms", joints, names_of_joints, chosen))
     channels = {labels[column.number]: column for column in columns}
     if len(channels) < len(columns):
         raise SkillFileError(
@@ -390,6 +407,16 @@ def _channels(
             "Choose by their numbers from 1, such as --columns time=1,x=2"
         )
     return channels
+
+
+def _choice(
+    what: str, groups: _Groups, channels: Sequence[str], chosen: Sequence[_Column]
+) -> str:
+    """Return a remark on several groups, with the option that chooses columns of one."""
+    listed = ", ".join(group[0].name for group in groups.values())
+    sources = [column.source for column in chosen]
+    option = columns_option(dict(zip(channels, sources, strict=False)))
+    return f"{SEVERAL} {what} ({listed} ...): choose with {option}"
 
 
 def _without_commanded(
