@@ -52,11 +52,11 @@ def test_a_joint_that_is_too_light_is_named_with_the_key_that_mends_it(
 ):
     text = (models_dir() / "ur5e" / "ur5e.yaml").read_text()
     text = text.replace("ur5e.urdf", str(models_dir() / "ur5e" / "ur5e.urdf"))
-    (tmp_path / "light.yaml").write_text(f"{text}\nreflected_inertia: 0\n")
+    (tmp_path / "light.yaml").write_text(f"{text}\nreflected_inertia: [0]\n")
     result = command("robots", tmp_path / "light.yaml")
     assert result.code == 0
     assert "ur5e_joint6 of ur5e.urdf has an inertia of only" in result.out
-    assert "reflected_inertia: 0.1" in result.out
+    assert "reflected_inertia: [0.1]" in result.out
 
 
 def test_an_unknown_robot_is_refused_with_the_known_ones(refused):

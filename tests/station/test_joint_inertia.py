@@ -122,9 +122,9 @@ def inertias(robot):
 @pytest.mark.parametrize(
     ("line", "added"),
     [
-        ("reflected_inertia: 0.25", 0.15),
-        ("reflected_inertia: 1", 0.9),
-        ("reflected_inertia: 5e-2 # of each motor", -0.05),
+        ("reflected_inertia: [0.25]", 0.15),
+        ("reflected_inertia: [1]", 0.9),
+        ("reflected_inertia: [5e-2] # of each motor", -0.05),
         (
             "reflected_inertia: [0.3, 0.3, 0.3, 0.2, 0.2, 0.1]",
             [0.2] * 3 + [0.1] * 2 + [0],
@@ -139,7 +139,7 @@ def test_the_inertia_of_the_motors_replaces_the_models(tmp_path, line, added):
 
 
 def test_the_simulated_arm_has_the_inertia_of_its_motors(tmp_path):
-    robot = own(tmp_path, "reflected_inertia: 0.25")
+    robot = own(tmp_path, "reflected_inertia: [0.25]")
     scenario = Scenario(robot=str(tmp_path / "own.yaml"))
     plant = AddBoardScene(DiagramBuilder(), scenario, start=[0, 0, 0.05]).plant
     context = plant.CreateDefaultContext()
@@ -148,7 +148,7 @@ def test_the_simulated_arm_has_the_inertia_of_its_motors(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "line", ["reflected_inertia: -0.1", "reflected_inertia: [1, 2]"]
+    "line", ["reflected_inertia: [-0.1]", "reflected_inertia: [1, 2]"]
 )
 def test_inertias_that_are_negative_or_too_few_are_refused(tmp_path, line):
     with pytest.raises(StationError, match="reflected_inertia"):
@@ -157,19 +157,19 @@ def test_inertias_that_are_negative_or_too_few_are_refused(tmp_path, line):
 
 def test_a_joint_just_below_its_least_inertia_is_refused(tmp_path):
     with pytest.raises(StationError, match=r"ur5e_joint6 .* at least") as refusal:
-        CheckJointInertia(own(tmp_path, "reflected_inertia: 0"), ImpedanceConfig())
+        CheckJointInertia(own(tmp_path, "reflected_inertia: [0]"), ImpedanceConfig())
     needed = float(re.search(r"at least ([\d.]+) kg", str(refusal.value))[1])
-    enough = own(tmp_path, f"reflected_inertia: {1.1 * needed}")
+    enough = own(tmp_path, f"reflected_inertia: [{1.1 * needed}]")
     CheckJointInertia(enough, ImpedanceConfig())
     with pytest.raises(StationError, match="ur5e_joint6"):
         CheckJointInertia(enough, ImpedanceConfig(control_period=0.0012))
-    few = own(tmp_path, f"reflected_inertia: {0.8 * needed}")
+    few = own(tmp_path, f"reflected_inertia: [{0.8 * needed}]")
     with pytest.raises(StationError, match="ur5e_joint6"):
         CheckJointInertia(few, ImpedanceConfig())
 
 
 def test_springs_of_the_tool_need_inertia_too(tmp_path):
-    robot = own(tmp_path, "reflected_inertia: 0.01")
+    robot = own(tmp_path, "reflected_inertia: [0.01]")
     CheckJointInertia(robot, ImpedanceConfig())
     with pytest.raises(StationError, match="reflected_inertia"):
         CheckJointInertia(robot, ImpedanceConfig(damping_ratio=0.02))

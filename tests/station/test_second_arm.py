@@ -139,7 +139,7 @@ def test_the_page_gives_the_inertia_of_the_motors_without_which_it_is_refused(
     for attempt in (CheckFeasibility, MakeStation):
         with pytest.raises(
             StationError,
-            match=r"joint6 of arm\.urdf has .* 0\.0021 kg m².* reflected_inertia: 0\.1",
+            match=r"joint6 of arm\.urdf has .* 0\.0021 kg m².* reflected_inertia: \[0\.1\]",
         ):
             attempt(scenario, bundled_skill)
 

@@ -106,7 +106,7 @@ def CheckJointInertia(robot: Robot, config: ImpedanceConfig) -> None:
         f"{1 / np.linalg.inv(M)[i, i]:.2g} kg m². The controller's springs would make it "
         f"oscillate at a control period of {config.control_period:g} s. Give the inertia of "
         f"the motors as seen at the joints, at least {needed:.2g} kg m², in the robot's YAML "
-        f"file: reflected_inertia: {max(_USUAL, needed):.2g}"
+        f"file: reflected_inertia: [{max(_USUAL, needed):.2g}]"
     )
 
 

@@ -1,6 +1,5 @@
 """Robots: configuration (a YAML file beside a URDF), models in plants, rigid geometry."""
 
-import re
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -61,7 +60,7 @@ class RobotConfig:
     friction : FrictionConfig
         Of its joints; lists of n, or empty where it is not known.
     reflected_inertia : list of floats
-        Inertia of the motors as seen at the joints, kg m²: one number for all, or n. It
+        Inertia of the motors as seen at the joints, kg m²: a list of one number for all, or of n. It
         replaces the model's; empty where the model has it.
     max_torque_rate : float
         Fastest change of any joint torque that it accepts, Nm/s.
@@ -159,7 +158,6 @@ def LoadRobot(robot: str | Path) -> RobotConfig:
         )
     with in_one_line(f"{file.name} is not a robot"):
         text = file.read_text(encoding="utf-8")
-        text = re.sub(r"(?m)^(reflected_inertia: *)([\d.][^\s,]*)", r"\1[\2]", text)
         config: RobotConfig = load_settings(RobotConfig, text)
         _CheckRobot(config)
     config.model = str(file.parent / config.model)
@@ -179,8 +177,8 @@ def _CheckRobot(config: RobotConfig) -> None:
             )
     if len(config.reflected_inertia) not in (0, 1, n):
         raise StationError(
-            f"reflected_inertia is {config.reflected_inertia}; expected one number, or {n} "
-            "as in posture."
+            f"reflected_inertia is {config.reflected_inertia}; expected a list "
+            f"of one number, or of {n} as in posture."
         )
     if len(config.joint_names) not in (0, n):
         raise StationError(
