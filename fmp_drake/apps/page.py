@@ -14,6 +14,7 @@ from typing import Any
 from pydrake.common import use_native_cpp_logging
 from rich.console import Console
 from rich.progress import Progress
+from rich.table import Table
 
 from fmp_drake.apps.options import SceneOptions, arguments
 from fmp_drake.apps.terminal import has_terminal, is_enter_pressed
@@ -184,6 +185,14 @@ def show_progress(
         bar = progress.add_task(label, total=until)
         for now in times:
             progress.update(bar, completed=now, total=max(until, now))
+
+
+def print_table(console: Console, rows: Mapping[str, str]) -> None:
+    """Print a table of names and texts."""
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, text in rows.items():
+        table.add_row(f"[bold]{name}[/bold]", text)
+    console.print(table)
 
 
 def track_frames(console: Console, frames: Sequence[int]) -> Iterable[int]:

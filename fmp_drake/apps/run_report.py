@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from fmp_drake.apps.options import option
 from fmp_drake.apps.page import track_frames, write_metrics
@@ -78,7 +77,7 @@ class RunFiles:
         if self.video is None:
             return None
         reel = FilmReel(run.station, fps=self.video_fps, speed=self.video_speed)
-        reel.watch(run.simulator)
+        run.simulator.set_monitor(reel.observe)
         return reel
 
     def write(
@@ -105,14 +104,6 @@ class RunFiles:
             track = partial(track_frames, console)
             film_run(run, reel, self.video, width=self.video_width, track=track)
             console.print(f"wrote {self.video}")
-
-
-def print_report(console: Console, rows: Mapping[str, str]) -> None:
-    """Print the table of `report_rows`."""
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    for name, text in rows.items():
-        table.add_row(f"[bold]{name}[/bold]", text)
-    console.print(table)
 
 
 def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import click
-from rich.table import Table
 
 from fmp_drake.apps.options import Command, option, options
-from fmp_drake.apps.page import make_console
+from fmp_drake.apps.page import make_console, print_table
 from fmp_drake.errors import RunError
 from fmp_drake.experiments.scenario_page import measure_scenarios, scenario_page
 from fmp_drake.primitives.data.files import check_writable, write_text
@@ -36,10 +35,7 @@ def scenarios(to: ScenariosOptions) -> None:
     check_writable(markdown, "Markdown", [".md"])
     names = ListScenarios()
     if markdown is None:
-        table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-        for name in names:
-            table.add_row(f"[bold]{name}[/bold]", LoadScenario(name).description)
-        console.print(table)
+        print_table(console, {name: LoadScenario(name).description for name in names})
         console.print("run one of them: fmp-drake wipe --scenario NAME")
         return
     runs = {}

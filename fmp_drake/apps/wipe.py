@@ -29,12 +29,13 @@ from fmp_drake.apps.page import (
     is_watched,
     make_console,
     open_page,
+    print_table,
     say,
     show_progress,
     wait_for_click,
     wait_for_law,
 )
-from fmp_drake.apps.run_report import RunFiles, print_report, report_rows
+from fmp_drake.apps.run_report import RunFiles, report_rows
 from fmp_drake.apps.terminal import has_terminal
 from fmp_drake.errors import RunError, StationError
 from fmp_drake.runs import MakeRun, StationRun
@@ -318,7 +319,7 @@ def _simulate(
             "events": [event._asdict() for event in run.events()],
         }
         rows = report_rows(metrics)
-        print_report(console, rows)
+        print_table(console, rows)
         if run.panel is not None:
             faults = rows["what went wrong"]
             run.panel.show(mode="finished", level="idle", detail="", rate=1.0, grab="")

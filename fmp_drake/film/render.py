@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from fmp_drake.errors import RunError
@@ -39,7 +38,7 @@ _TRAIL_SECONDS, _TRAIL_STEP = 4.0, 0.02
 class FilmReel:
     """Recording of the plant's positions and the ink at the times of a film's frames.
 
-    Call `watch` before the simulation starts. A simulation that is initialised again
+    Call ``simulator.set_monitor(reel.observe)`` before the simulation starts. A simulation that is initialised again
     starts a new recording. Positions stay in memory; the ink, a byte per cell, is stored
     in a temporary file.
 
@@ -61,7 +60,7 @@ class FilmReel:
     >>> skill, _, _ = scenario_skill(scenario)
     >>> station = MakeWipingStation(scenario, skill)
     >>> reel, simulator = FilmReel(station, fps=20.0), Simulator(station)
-    >>> reel.watch(simulator)
+    >>> simulator.set_monitor(reel.observe)
     >>> _ = simulator.AdvanceTo(0.1)
     >>> reel.times
     array([0.  , 0.05, 0.1 ])
@@ -85,12 +84,11 @@ class FilmReel:
         cells = 0 if self._ink is None else self._ink.size()
         self._inks = TemporaryArray((cells,), np.uint8)
 
-    def watch(self, simulator: Simulator) -> None:
-        """Make `observe` the monitor of a simulator of the station or its diagram."""
-        simulator.set_monitor(self.observe)
-
     def observe(self, root: Context) -> None:
-        """Record a frame from a root Context when the next frame is due."""
+        """Record a frame from a root Context when the next frame is due.
+
+        It is the monitor of a simulator of the station or its diagram.
+        """
         time = root.get_time()
         if self._times and time < self._times[-1]:
             self._clear()

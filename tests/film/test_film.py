@@ -384,7 +384,7 @@ class TestFilms:
 class TestReel:
     def run(self, station, reel, until):
         simulator = Simulator(station)
-        reel.watch(simulator)
+        simulator.set_monitor(reel.observe)
         plant = station.GetSubsystemByName("plant")
         context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
         plant.SetVelocities(context, [0.0, 0.1])

@@ -48,7 +48,7 @@ def stirred(free, stirring):
         },
     )
     reel = FilmReel(run.station, fps=2.0)
-    reel.watch(run.simulator)
+    run.simulator.set_monitor(reel.observe)
     run.advance_to(3.0)
     return run, reel
 

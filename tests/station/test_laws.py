@@ -120,7 +120,7 @@ def test_page_recording_log_and_film_change_nothing(skills, panel, tempo, name):
         keep=SIGNALS,
     )
     reel = FilmReel(watched.station, fps=20.0, speed=1.0)
-    reel.watch(watched.simulator)
+    watched.simulator.set_monitor(reel.observe)
     for instant in ODD_INSTANTS[:5]:
         watched.advance_to(instant)
         look_at_everything(watched.station, watched.simulator.get_context())

@@ -55,6 +55,8 @@ class PeriodicDMP(Method):
         g, the mean of the aligned periods.
     weights_ : ndarray, shape (25, D)
         The w_i.
+    cycle : CubicSpline
+        Returns the limit cycle at phases (...,) in rad, shape (..., D).
 
     Examples
     --------
@@ -101,7 +103,7 @@ class PeriodicDMP(Method):
         settling = phases[1] * np.arange((_SETTLING_PERIODS + 1) * _POINTS + 1)
         cycle = self._integrate(self.goal_, 0 * self.goal_, settling)[-_POINTS - 1 :]
         cycle[-1] = cycle[0]
-        self._cycle = CubicSpline(phases, cycle, bc_type="periodic")
+        self.cycle = CubicSpline(phases, cycle, bc_type="periodic")
 
     def rollout(
         self,
@@ -133,10 +135,6 @@ class PeriodicDMP(Method):
         phases = phase + step * np.arange((n_steps - 1.0) * _SUBSTEPS + 1)
         return self._integrate(y, z / frequency, phases)[::_SUBSTEPS]
 
-    def cycle(self, phases: ArrayLike) -> Array:
-        """Return the limit cycle at phases (...,) in rad, shape (..., D)."""
-        return self._cycle(phases)
-
     def predict(self, past: Array, horizon: int) -> Forecast:
         """Predict the samples after `past`, shape (K, D)."""
         return Forecast(values=self.continued(past, horizon, frequency=self.frequency_))
@@ -160,7 +158,7 @@ class PeriodicDMP(Method):
         grid = 2 * np.pi * np.arange(_POINTS) / _POINTS
         error = self.cycle(grid[:, None] + steps) - prefix
         phase = grid[np.argmin(np.sum(error**2, axis=(1, 2)))] + steps[-1]
-        velocity = frequency * self._cycle(phase, 1)
+        velocity = frequency * self.cycle(phase, 1)
         if len(prefix) > 1:
             velocity = prefix[-1] - prefix[-2]
         path = self.rollout(

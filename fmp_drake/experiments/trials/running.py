@@ -171,7 +171,7 @@ def replay_trial(
         )
         reel = FilmReel(run.station, fps=_FPS)
         if video is not None:
-            reel.watch(run.simulator)
+            run.simulator.set_monitor(reel.observe)
         run.advance_to(duration)
         metrics = as_stored(run.metrics())
         run.remove_controls()
