@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from statistics import fmean, geometric_mean
 from typing import Any
 
 import numpy as np
@@ -115,9 +116,6 @@ def _errors(scores: _Scores) -> Finding:
         scores, "error_mm", ReplayMethod.name, lambda a, b: a / b
     )
 
-    def geometric_mean(ratios: Sequence[float]) -> float:
-        return float(np.exp(np.mean(np.log(ratios))))
-
     def show(ratios: Sequence[float]) -> str:
         return f"{geometric_mean(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
 
@@ -202,7 +200,7 @@ def _densities(scores: _Scores) -> Finding:
         figure=_draw_lines(
             comparisons,
             f"nats per sample more than {PeriodicGP.name}",
-            lambda values: float(np.mean(values)),
+            fmean,
             limits=(-12.0, 8.0),
         ),
         table=_table(scores, comparisons, show),
@@ -232,7 +230,7 @@ def _coverage(scores: _Scores) -> Finding:
                 for name, groups in coverage.items()
             },
             "inside after 1 s (%)",
-            lambda values: float(np.mean(values)),
+            fmean,
             band=_COVERAGE_BAND,
         ),
         table=_table(scores, coverage, show),

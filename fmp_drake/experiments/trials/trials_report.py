@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 from scipy.stats import binomtest
 
 from fmp_drake.errors import ExperimentError
@@ -65,7 +64,6 @@ _BINS, _COLUMNS = 6, 4
 _LEAST_TRIALS = 16
 # Ratio of a parameter's extremes above which its axis is logarithmic.
 _DECADE = 10.0
-_TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 
 
 class TrialsReport:
@@ -440,10 +438,8 @@ def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
             order = 100 * np.arange(1, len(values) + 1) / len(values)
             ax.plot(np.abs(values), order, ".-", color=color, linewidth=1, label=name)
     path_axes.set_xscale("log")
-    largest = max(20, 1.1 * path_axes.get_xlim()[1])  # All ticks would widen it.
-    path_axes.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
-    path_axes.xaxis.set_minor_formatter(NullFormatter())
-    path_axes.set_xlim(1, largest)
+    label_decades(path_axes.xaxis, (1.0, 2.0, 5.0))
+    path_axes.set_xlim(1, max(20, 1.1 * path_axes.get_xlim()[1]))
     path_axes.set_xlabel("distance from the path (mm rms)")
     path_axes.set_ylabel("trials at least as good (%)")
     force_axes.set_xlabel("time in contact within 5 N of the desired force (%)")
