@@ -53,6 +53,8 @@ _TILTED, _BORNE = 0.5, 0.7
 _LARGE_TILT = 20.0
 # Least rotational stiffness with which a recorded orientation is followed, Nm/rad.
 _ROTATIONAL_STIFFNESS = 60.0
+# Displacement of the tool by friction, m: with the default stiffness and 10 N it is 3.3 mm.
+_FRICTION_LAG = 0.0033
 # Further height of a board on which the wrist tilts outwards, m.
 _RAISED = {"cylinder": 0.10, "dome": 0.25}
 
@@ -78,7 +80,8 @@ def place_on_fitted_surface(
     Contact is detected by the force if there is one, otherwise by the distance to the
     surface, and only in the bouts of the movement. In contact the height becomes
     constant, because the real surface differs from the fitted one: 0, or lower by 4 %
-    of the height of lifts, which a learned motion blurs. A path that is too large for
+    of the height of lifts, which a learned motion blurs. With a force it is lower by the
+    compression of the felt. A path that is too large for
     the board is scaled down, with the surface's radius. Orientations are relative to
     the local normal; in contact, their mean is that of the eraser flat on the surface.
 
@@ -90,7 +93,8 @@ def place_on_fitted_surface(
         the tool or of D.
     scenario : Scenario
         Its board is changed. With an orientation its rotational stiffness is at least 60
-        Nm/rad, and with a force its force control is enabled.
+        Nm/rad. With a force its force control is enabled, and its translational stiffness
+        is such that friction displaces the tool by at most 3.3 mm.
     shape : str, optional
         plane, cylinder, dome or bowl instead of the choice by the residuals.
     extra : sequence of str
@@ -153,6 +157,7 @@ def place_on_fitted_surface(
                 demonstration, fit, uvh, contact, scenario, lift
             )
             columns.append(force[:, None])
+            remarks += _adapt_to_force(scenario, columns[0], force[contact.touching])
             channels.append(FORCE_CHANNEL)
             units.append("N")
             remarks.append(note)
@@ -307,6 +312,38 @@ def _adapt_controller(scenario: Scenario, extra: Sequence[str]) -> list[str]:
         impedance.force_control.enabled = True
         remarks.append("force control enabled to follow the force")
     return remarks
+
+
+def _adapt_to_force(scenario: Scenario, uvh: Array, force: Array) -> list[str]:
+    """Lower a path, in place, by the compression of the felt; stiffen the controller.
+
+    Friction pulls the tool from its path by its force over the stiffness. The greatest
+    force of the spring remains.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    uvh : array, shape (N, 3)
+        m.
+    force : array, shape (C,)
+        Normal force in contact, N.
+    """
+    uvh[:, 2] -= FELT_DEPTH * np.mean(force) / FeltForceLimit(scenario.eraser)
+    impedance = scenario.impedance
+    friction = scenario.contact_friction() * float(np.percentile(force, 95))
+    before = impedance.translational_stiffness
+    needed = round(friction / _FRICTION_LAG, -2)
+    stiffness = [*(max(k, needed) for k in before[:2]), before[2]]
+    if stiffness == before:
+        return []
+    impedance.translational_stiffness = stiffness
+    clip = impedance.max_translation_error * max(before) / max(stiffness)
+    impedance.max_translation_error = round(clip, 4)
+    remark = (
+        f"translational stiffness raised to {needed:g} N/m: friction of {friction:.0f} N "
+        f"displaces the tool by at most {1e3 * _FRICTION_LAG:g} mm"
+    )
+    return [remark]
 
 
 def _orientation(

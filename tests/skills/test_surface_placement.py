@@ -1,5 +1,7 @@
 """Facts about surfaces fitted to recordings, and poses and forces placed on them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -147,7 +149,10 @@ def test_pose_and_force_are_relative_to_the_local_normal(shape, force):
     assert placed.frame == "board"
     index = np.searchsorted(recording.time, placed.time)
     on = on[index]
-    assert np.all(placed.values[on, 2] == 0)
+    # 12 mm of felt bear 60 N.
+    depth = 0.012 * np.mean(placed.values[on, 6]) / 60
+    assert_allclose(placed.values[on, 2], -depth, atol=1e-4)
+    assert 0.0005 < depth < 0.004
     # About the normal the frame of the fit is the recording's, not that of the truth.
     assert np.ptp(placed.values[on, :2], axis=0).max() == pytest.approx(0.24, abs=0.05)
     tilt, expected = (
@@ -227,6 +232,25 @@ def test_force_is_limited_by_the_felt():
     assert placed.values[:, 3].max() == pytest.approx(42)
     assert placed.values[placed.values[:, 3] > 0, 3].min() < 0.7 * 42
     assert any("the limit of the felt: 42 N" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize("factor", [0.1, 1.0, 10.0])
+def test_friction_of_a_force_displaces_the_tool_by_3_mm_at_most(factor):
+    recording, *_ = posed("plane", force="scalar")
+    values = recording.values * np.array([1, 1, 1, factor, *[1] * 3])
+    scenario, default = Scenario(), Scenario().impedance
+    (placed,), remarks = place_on_fitted_surface(
+        [replace(recording, values=values)], scenario=scenario, extra=["force"]
+    )
+    friction = 0.5 * np.percentile(placed.values[:, 3], 95)
+    x, y, z = scenario.impedance.translational_stiffness
+    assert x == y >= 1500
+    assert z == default.translational_stiffness[2]
+    assert friction / x < 0.0036
+    assert any("stiffness raised" in remark for remark in remarks) == (x > 1500)
+    # As before, at most 150 N where the tool is far from its target.
+    assert x * scenario.impedance.max_translation_error == pytest.approx(150, rel=0.01)
+    assert (x > 1500) == (factor > 0.1)
 
 
 def test_tilt_is_scaled_to_the_limit_of_the_felt():
