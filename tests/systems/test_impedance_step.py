@@ -25,10 +25,10 @@ from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.impedance.records import (
+    MEMORY,
     OPTIONAL,
     PACKED,
     PORTS,
-    decode,
     initial_memory,
     joint_settings,
     settings_of,
@@ -141,7 +141,7 @@ def test_invalid_covariance_or_stiffness_leaves_the_last_stiffness(
     found = impedance_step(*arguments, memory, *arm)
     assert_equal_updates(found, plain_step(monkeypatch, *arguments, memory, *arm))
     assert int(found[1][0]) & flag
-    assert_array_equal(decode(found[2]).stiffness, settings[0].stiffness)
+    assert_array_equal(found[2].view(MEMORY)[0].stiffness, settings[0].stiffness)
 
 
 def test_an_arm_without_finite_dynamics_loses_its_torque(monkeypatch):

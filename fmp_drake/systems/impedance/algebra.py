@@ -40,6 +40,29 @@ def norm(x: Array) -> float:
 
 
 @compiled
+def has_finite_sum(x: Array) -> bool:
+    """Return whether the sum of a vector's elements is finite."""
+    total = 0.0
+    for i in range(len(x)):
+        total += x[i]
+    return math.isfinite(total)
+
+
+@compiled
+def largest(A: Array) -> float:
+    """Return the largest absolute value of a matrix's elements; NaN where one is NaN."""
+    size = 0.0
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            x = abs(A[i, j])
+            if not x <= size:
+                size = x
+            if math.isnan(x):
+                return x
+    return size
+
+
+@compiled
 def applied(A: Array, x: Array) -> Array:
     """Return ``A x`` for a matrix, shape (n, m), and a vector, shape (m,)."""
     y = np.empty(A.shape[0])
@@ -69,6 +92,15 @@ def relative(X_AB: Pose, X_AC: Pose) -> Pose:
     """Return X_BC."""
     R_BA = X_AB.R.T
     return Pose(product(R_BA, X_AC.R), applied(R_BA, X_AC.p - X_AB.p))
+
+
+@compiled
+def raised(X_AB: Pose, X_AC: Pose, distance: float) -> Pose:
+    """Return X_AB translated along z of C by a distance."""
+    p = np.empty(3)
+    for i in range(3):
+        p[i] = X_AB.p[i] + distance * X_AC.R[i, 2]
+    return Pose(X_AB.R, p)
 
 
 @compiled
@@ -416,11 +448,15 @@ def motion_in_world(
         A_WT, its derivative in W, in T's axes, rad/s² and m/s².
     """
     w, alpha, p = frame_twist[:3], frame_acceleration[:3], target.X.p
-    velocity = cross(w, p)
-    V = stacked(np.zeros(3), velocity)
-    A = stacked(
-        cross(w, target.V[:3]), cross(alpha, p) + cross(w, velocity + 2 * target.V[3:])
-    )
-    return TaskTarget(
-        target.X, target.V + frame_twist + V, target.A + frame_acceleration + A
-    )
+    velocity, relative_velocity = cross(w, p), target.V[3:]
+    V, A, twice = np.empty(6), np.empty(6), np.empty(3)
+    for i in range(3):
+        twice[i] = velocity[i] + 2 * relative_velocity[i]
+    angular, linear, coriolis = cross(w, target.V), cross(alpha, p), cross(w, twice)
+    for i in range(3):
+        V[i] = target.V[i] + frame_twist[i]
+        V[3 + i] = target.V[3 + i] + frame_twist[3 + i] + velocity[i]
+        A[i] = target.A[i] + frame_acceleration[i] + angular[i]
+        A[3 + i] = target.A[3 + i] + frame_acceleration[3 + i]
+        A[3 + i] += linear[i] + coriolis[i]
+    return TaskTarget(target.X, V, A)

@@ -16,7 +16,6 @@ from fmp_drake.systems.impedance.algebra import (
     TaskTarget,
     applied,
     rotation_from_quaternion,
-    stacked,
     twist_rotation,
 )
 from fmp_drake.systems.impedance.config import ImpedanceConfig
@@ -158,7 +157,7 @@ def joint_settings(
     return np.stack([*limits, *friction, q_posture])
 
 
-@inlined
+@compiled
 def of_joints(rows: Array) -> JointSettings:
     """Read the result of `joint_settings`."""
     return JointSettings(
@@ -234,12 +233,33 @@ OPTIONAL = {
     "desired_normal_force": 1,
 }
 PORTS = REQUIRED | OPTIONAL
-# The values of all ports, and behind them 1 for each port that is used.
 PACKED = np.dtype(
-    [(name, float, (size,)) for name, size in PORTS.items()]
-    + [(f"has_{name}", float) for name in PORTS]
+    (
+        np.record,
+        [
+            *((name, float, (size,)) for name, size in PORTS.items()),
+            *((f"has_{name}", float) for name in PORTS),
+            ("finite", float),
+            ("R_TE", float, (3, 3)),
+            ("V", float, (6,)),
+            ("A", float, (6,)),
+            ("R_WT", float, (3, 3)),
+            ("p_WT", float, (3,)),
+            ("frame_twist", float, (6,)),
+            ("frame_acceleration", float, (6,)),
+            ("age", float),
+        ],
+    )
 )
+"""The inputs as a structured type.
+
+It holds the values of all ports, 1 for each port that is used, and what `unpack` computes:
+whether every value is finite and far from an overflow (1), the desired orientation, the
+twist of the target and its derivative relative to T, X_WT, its twist and its derivative in
+T's axes, and the age of the target in s (NaN where `target_time` is not connected).
+"""
 PACKED_SIZE = PACKED.itemsize // 8
+_GIVEN_SIZE = sum(PORTS.values()) + len(PORTS)
 # Indices of each port's values among the packed numbers, and of its flag.
 PLACES = {
     name: (slice(end - PORTS[name], end), sum(PORTS.values()) + k)
@@ -247,54 +267,31 @@ PLACES = {
 }
 
 
-class StepInputs(NamedTuple):
-    """Values at the input ports.
-
-    Attributes
-    ----------
-    finite : bool
-        Whether every value is finite, and far from an overflow.
-    target : TaskTarget
-        Relative to T.
-    wrench : array, shape (6,)
-        Feed-forward, Nm and N, in T.
-    X_WT : Pose
-    frame_twist, frame_acceleration : array, shape (6,)
-        V_WT and A_WT in T's axes.
-    age : float
-        Of the target, s; NaN where `target_time` is not connected.
-    stiffness : array, shape (6, 6)
-    covariance : array, shape (3, 3)
-        m².
-    normal_force, desired_normal_force : float
-        Measured and desired along −z of T, N.
-    has_stiffness, has_covariance, has_normal_force : bool
-        Whether there is one.
-    """
-
-    finite: bool
-    target: TaskTarget
-    wrench: Array
-    X_WT: Pose
-    frame_twist: Array
-    frame_acceleration: Array
-    age: float
-    stiffness: Array
-    covariance: Array
-    normal_force: float
-    desired_normal_force: float
-    has_stiffness: bool
-    has_covariance: bool
-    has_normal_force: bool
+# Compiled functions pass a record as one pointer; a tuple of arrays takes them hundreds
+# of instructions.
 
 
 @compiled
-def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> StepInputs:
-    """Read the packed inputs.
+def target_of(inputs: np.record) -> TaskTarget:
+    """Return the target relative to T, as views."""
+    pose = Pose(inputs.R_TE[:], inputs.desired_position[:])
+    return TaskTarget(pose, inputs.V[:], inputs.A[:])
+
+
+@compiled
+def frame_of(inputs: np.record) -> TaskTarget:
+    """Return X_WT, V_WT and A_WT in T's axes, as views."""
+    pose = Pose(inputs.R_WT[:], inputs.p_WT[:])
+    return TaskTarget(pose, inputs.frame_twist[:], inputs.frame_acceleration[:])
+
+
+@compiled
+def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> None:
+    """Complete the packed inputs, in place.
 
     Parameters
     ----------
-    packed : array, shape (107,)
+    packed : array, shape (153,)
         A record of the type `PACKED` as numbers, zero where a port is not used.
     settings : ImpedanceSettings
         Source of the task frame where the port has no finite one, and of the desired
@@ -302,50 +299,40 @@ def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> StepInput
     time : float
         s.
     """
-    # Views of the records, without copies and reference counts.
-    X_WT = Pose(settings.X_WT.R[:], settings.X_WT.p[:])
-    R_TE = settings.R_TE[:]
     ports, finite = packed.view(PACKED)[0], True
-    for i in range(len(packed)):
+    for i in range(_GIVEN_SIZE):
         finite = finite and abs(packed[i]) < _LARGEST
-    if ports["has_desired_orientation"]:
-        R_TE = rotation_from_quaternion(ports["desired_orientation"][:])
+    R_TE, R_WT, p_WT = settings.R_TE[:], settings.X_WT.R[:], settings.X_WT.p[:]
+    if ports.has_desired_orientation:
+        R_TE = rotation_from_quaternion(ports.desired_orientation[:])
         finite = finite and math.isfinite(R_TE[0, 0])
-    if ports["has_task_frame"]:
-        pose = ports["task_frame"][:]
-        R_WT = rotation_from_quaternion(pose[:4])
-        if math.isfinite(R_WT[0, 0] + pose[4] + pose[5] + pose[6]):
-            X_WT = Pose(R_WT, pose[4:])
+    if ports.has_task_frame:
+        pose = ports.task_frame[:]
+        given = rotation_from_quaternion(pose[:4])
+        if math.isfinite(given[0, 0] + pose[4] + pose[5] + pose[6]):
+            R_WT, p_WT = given, pose[4:]
         else:
             finite = False
-    rotation = twist_rotation(X_WT.R.T)
-    # A frame without a given velocity stands still.
-    frame_acceleration = ports["task_frame_acceleration"][:]
-    if not ports["has_task_frame_velocity"]:
-        frame_acceleration = np.zeros(6)
-    age = time - ports["target_time"][0]
-    return StepInputs(
-        finite,
-        TaskTarget(
-            Pose(R_TE, ports["desired_position"][:]),
-            stacked(ports["desired_angular_velocity"], ports["desired_velocity"]),
-            stacked(
-                ports["desired_angular_acceleration"], ports["desired_acceleration"]
-            ),
-        ),
-        ports["feedforward_wrench"][:],
-        X_WT,
-        applied(rotation, ports["task_frame_velocity"][:]),
-        applied(rotation, frame_acceleration),
-        age if ports["has_target_time"] else math.nan,
-        ports["stiffness"][:].reshape(6, 6),
-        ports["covariance"][:].reshape(3, 3),
-        ports["normal_force"][0],
-        max(ports["desired_normal_force"][0], 0.0),
-        ports["has_stiffness"] > 0,
-        ports["has_covariance"] > 0,
-        ports["has_normal_force"] > 0,
-    )
+    ports.finite = 1.0 if finite else 0.0
+    for i in range(3):
+        ports.p_WT[i] = p_WT[i]
+        for j in range(3):
+            ports.R_TE[i, j], ports.R_WT[i, j] = R_TE[i, j], R_WT[i, j]
+        ports.V[i] = ports.desired_angular_velocity[i]
+        ports.V[3 + i] = ports.desired_velocity[i]
+        ports.A[i] = ports.desired_angular_acceleration[i]
+        ports.A[3 + i] = ports.desired_acceleration[i]
+    rotation = twist_rotation(R_WT.T)
+    twist = applied(rotation, ports.task_frame_velocity[:])
+    acceleration = applied(rotation, ports.task_frame_acceleration[:])
+    for i in range(6):
+        ports.frame_twist[i] = twist[i]
+        # A frame without a given velocity stands still.
+        ports.frame_acceleration[i] = (
+            acceleration[i] if ports.has_task_frame_velocity else 0.0
+        )
+    age = time - ports.target_time[0]
+    ports.age = age if ports.has_target_time else math.nan
 
 
 # Memory.
@@ -426,22 +413,18 @@ def initial_memory(stiffness: Array, *, tank_energy: float) -> Array:
     return memory.view(np.float64)
 
 
-@inlined
-def decode(vector: Array) -> ImpedanceMemory:
-    """Read a memory from the numbers of a `MEMORY`; its arrays are views of them."""
-    m = vector.view(MEMORY)[0]
-    target = Pose(m.target_R[:], m.target_p[:])
-    return ImpedanceMemory(
-        WatchdogState(int(m.mode), m.clock, m.duration),
-        ForceState(m.surface, m.force, m.lost_time),
-        m.tank_energy,
-        m.saturated > 0,
-        LastTarget(m.target_known > 0, m.frozen_time, target, m.target_drift[:]),
-        Pose(m.held_R[:], m.held_p[:]),
-        m.stiffness[:],
-        m.rotation_error[:],
-        ForceRecord(m.slow_force, m.fast_force, m.force_power),
-    )
+@compiled
+def held_pose(memory: np.record) -> Pose:
+    """Return the held pose of a record of the type `MEMORY`, as views."""
+    return Pose(memory.held_R[:], memory.held_p[:])
+
+
+@compiled
+def last_target(memory: np.record) -> LastTarget:
+    """Return the target of a record of the type `MEMORY`, as views."""
+    pose = Pose(memory.target_R[:], memory.target_p[:])
+    known, drift = memory.target_known > 0, memory.target_drift[:]
+    return LastTarget(known, memory.frozen_time, pose, drift)
 
 
 @compiled

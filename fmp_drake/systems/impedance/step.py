@@ -15,7 +15,9 @@ from fmp_drake.systems.impedance.algebra import (
     blended,
     compose,
     cross,
+    has_finite_sum,
     motion_in_world,
+    raised,
     relative,
     task_error,
     twist_rotation,
@@ -25,6 +27,7 @@ from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.force_control import (
     ForceCorrection,
+    ForceState,
     NormalForceDemand,
     approach_factor,
     correct_normal_force,
@@ -48,27 +51,32 @@ from fmp_drake.systems.impedance.law import (
 from fmp_drake.systems.impedance.records import (
     LAYOUT,
     MEMORY,
+    PACKED,
     ImpedanceMemory,
     ImpedanceSettings,
-    JointSettings,
-    StepInputs,
-    decode,
     encode,
+    frame_of,
+    held_pose,
+    last_target,
     of_joints,
     status_of_update,
+    target_of,
     unpack,
 )
 from fmp_drake.systems.impedance.stiffness import (
     admit_stiffness,
+    between,
     filter_fraction,
     is_covariance,
     is_positive_definite,
     refill,
     stiffness_from_covariance,
+    symmetric,
 )
 from fmp_drake.systems.impedance.supervision import (
     LOST,
     STOPPED,
+    ForceRecord,
     LastTarget,
     WatchdogState,
     force_faults,
@@ -123,8 +131,8 @@ def impedance_step(
         Result of `settings_of`.
     joints : array, shape (9, n)
         Result of `joint_settings`.
-    packed : array, shape (107,)
-        The inputs, see `unpack`.
+    packed : array, shape (153,)
+        The inputs, which `unpack` completes.
     time : float
         s.
     previous : array, shape (n,)
@@ -162,11 +170,12 @@ def impedance_step(
     arm = ArmDynamics(state[len(previous) :], M, Cv, J_WE.T, A_WE_bias)
     if not known:
         return _without_state(record, memory, previous)
+    unpack(packed, record, time)
     return _next_torque(
         record,
-        of_joints(joints),
+        joints,
         memory,
-        unpack(packed, record, time),
+        packed.view(PACKED)[0],
         measured,
         arm,
         state[: len(previous)],
@@ -201,9 +210,9 @@ class Contact(NamedTuple):
 @inlined
 def _next_torque(
     settings: ImpedanceSettings,
-    joints: JointSettings,
+    rows: Array,
     packed_memory: Array,
-    inputs: StepInputs,
+    inputs: np.record,
     X_WE: Pose,
     arm: ArmDynamics,
     q: Array,
@@ -211,30 +220,32 @@ def _next_torque(
     weight: Array,
 ) -> tuple[Array, Array, Array]:
     """Compute the next torque, status and memory; the arm is expressed in W."""
-    config, memory = settings.config, decode(packed_memory)
-    period, X_WT = config.control_period, inputs.X_WT
+    config, memory = settings.config, packed_memory.view(MEMORY)[0]
+    period, joints = config.control_period, of_joints(rows)
+    X_WT, target_T = frame_of(inputs).X, target_of(inputs)
+    watchdog = WatchdogState(int(memory.mode), memory.clock, memory.duration)
+    state = ForceState(memory.surface, memory.force, memory.lost_time)
     X_TE = relative(X_WT, X_WE)
     rotation = twist_rotation(X_WT.R.T)
     arm_T = re_expressed(arm, rotation)
 
-    target_W = compose(X_WT, inputs.target.X)
+    target_W = compose(X_WT, target_T.X)
     flags, last = _checked_target(config, memory, inputs, X_WE, target_W, rotation)
-    contact = _contact(settings, memory, inputs, X_TE.p - inputs.target.X.p)
-    if contact.searching and is_beyond(
-        config.force_control, memory.force, contact.height
-    ):
+    contact = _contact(settings, memory, inputs, X_TE.p)
+    if contact.searching and is_beyond(config.force_control, state, contact.height):
         flags |= _NOT_FOUND
-    if np.max(np.abs(arm.v) - joints.limits.speed) > 0:
-        flags |= _SPEED_EXCEEDED
+    for i in range(len(arm.v)):
+        if abs(arm.v[i]) > joints.limits.speed[i]:
+            flags |= _SPEED_EXCEEDED
     # In a stop, a tool below the assumed surface rises slowly to it, and the stop lasts
     # as long. The found surface is reset meanwhile.
-    surface = memory.force.surface
-    below = memory.watchdog.mode == STOPPED and surface < 0
-    stop_pose = Pose(X_WE.R, X_WE.p - min(surface, 0.0) * X_WT.R[:, 2])
+    surface = memory.surface
+    below = watchdog.mode == STOPPED and surface < 0
+    stop_pose = raised(X_WE, X_WT, -min(surface, 0.0))
     watchdog, held = supervised(
         config.watchdog,
-        memory.watchdog,
-        memory.held,
+        watchdog,
+        held_pose(memory),
         stop_pose,
         target_W,
         flags != 0 or below,
@@ -242,21 +253,23 @@ def _next_torque(
     )
     fraction, rate = target_fraction(watchdog)
     target = _followed_target(inputs, contact, held, fraction, rate)
+    frame_twist = frame_of(inputs).V
+    rising = normal_speed(arm_T, X_TE.p, frame_twist)
     wrench, force, desired, measured = _task_wrench(
-        settings, memory, inputs, contact, fraction, arm_T, X_TE
+        settings, memory, state, inputs, contact, fraction, rising
     )
 
     if watchdog.mode == STOPPED:
         # The same push throws a lightly damped tool against the surface.
-        wrench[5] -= normal_damping(config, arm_T, X_TE.p, inputs.frame_twist)
-    error = unwrapped(task_error(X_TE, target.X), memory.rotation_error)
+        wrench[5] -= normal_damping(config, arm_T, X_TE.p, frame_twist)
+    error = unwrapped(task_error(X_TE, target.X), memory.rotation_error[:])
     error[5] += force.state.surface
     K, energy, stiffness_flags = _next_stiffness(settings, memory, inputs, error)
     law = impedance_law(
         config, arm_T, K, error, target.V, target.A, wrench, joints.q_posture - q
     )
     torque = law.torque + friction_torque(joints.friction, arm.v)
-    if not math.isfinite(np.sum(torque)):
+    if not has_finite_sum(torque):
         return _without_state(settings, packed_memory, previous)
     limited = limited_torque(
         config.walls,
@@ -278,14 +291,14 @@ def _next_torque(
     excess = (measured if inputs.has_normal_force else law.normal_force) - desired
     force_flags, force_record = force_faults(
         config.watchdog,
-        memory.force_record,
+        ForceRecord(memory.slow_force, memory.fast_force, memory.force_power),
         excess if desired > 0 else 0.0,
-        desired if inputs.has_normal_force else math.inf,
+        desired if inputs.has_normal_force > 0 else math.inf,
         period,
     )
     if force_flags != 0:
         if watchdog.mode != STOPPED:
-            held = Pose(stop_pose.R, stop_pose.p + _RETREAT * X_WT.R[:, 2])
+            held = raised(stop_pose, X_WT, _RETREAT)
         watchdog, fraction = WatchdogState(STOPPED, 0.0, 0.0), 0.0
     status = status_of_update(
         flags | force_flags | stiffness_flags,
@@ -313,8 +326,8 @@ def _next_torque(
 @inlined
 def _checked_target(
     config: ImpedanceConfig,
-    memory: ImpedanceMemory,
-    inputs: StepInputs,
+    memory: np.record,
+    inputs: np.record,
     X_WE: Pose,
     target_W: Pose,
     rotation: Array,
@@ -323,15 +336,14 @@ def _checked_target(
 
     `rotation` expresses twists of W in T.
     """
-    flags = _NOT_FINITE
-    last = LastTarget(memory.target.known, 0.0, memory.target.X, np.zeros(3))
+    flags, before = _NOT_FINITE, last_target(memory)
+    last = LastTarget(before.known, 0.0, before.X, np.zeros(3))
     if inputs.finite:
-        moving = motion_in_world(
-            inputs.target, inputs.frame_twist, inputs.frame_acceleration
-        )
+        frame = frame_of(inputs)
+        moving = motion_in_world(target_of(inputs), frame.V, frame.A)
         flags, last = target_faults(
             config.watchdog,
-            memory.target,
+            before,
             X_WE,
             TaskTarget(
                 target_W,
@@ -344,78 +356,83 @@ def _checked_target(
     return flags, last
 
 
-@inlined
+@compiled
 def _contact(
     settings: ImpedanceSettings,
-    memory: ImpedanceMemory,
-    inputs: StepInputs,
-    offset: Array,
+    memory: np.record,
+    inputs: np.record,
+    p_TE: Array,
 ) -> Contact:
-    """Return the desired contact of a tool at an offset (3,) from the target, in T, m."""
-    control = settings.config.force_control
-    height, rest = offset[2], control.rest_distance
+    """Return the desired contact of a tool at a position in T, m."""
+    control, p_TD = settings.config.force_control, inputs.desired_position[:]
+    height, rest = p_TE[2] - p_TD[2], control.rest_distance
     # A high tool descends while it returns, so that it does not get stuck in the air.
     high = max(height - control.lift_height, 0.0)
-    near = engagement(math.hypot(offset[0], offset[1]) - rest - high, rest)
-    engaged = engagement(inputs.target.X.p[2], settings.engage_height)
-    force = inputs.desired_normal_force * engaged * near
+    beside = math.hypot(p_TE[0] - p_TD[0], p_TE[1] - p_TD[1])
+    near = engagement(beside - rest - high, rest)
+    engaged = engagement(p_TD[2], settings.engage_height)
+    force = max(inputs.desired_normal_force[0], 0.0) * engaged * near
     searching = (
         near == 1
-        and memory.watchdog.mode != STOPPED
-        and inputs.target.X.p[2] < settings.engage_height
-        and force - inputs.wrench[5] > 0
-        and (force > 0 or inputs.has_normal_force)
+        and memory.mode != STOPPED
+        and p_TD[2] < settings.engage_height
+        and force - inputs.feedforward_wrench[5] > 0
+        and (force > 0 or inputs.has_normal_force > 0)
     )
     return Contact(height, near, engaged, force, searching)
 
 
 @inlined
 def _followed_target(
-    inputs: StepInputs, contact: Contact, held: Pose, fraction: float, rate: float
+    inputs: np.record, contact: Contact, held: Pose, fraction: float, rate: float
 ) -> TaskTarget:
     """Return the motion to follow: a fraction of the target, the rest the held pose."""
-    X_WT, target = inputs.X_WT, inputs.target
-    if inputs.desired_normal_force > 0:
+    frame, target = frame_of(inputs), target_of(inputs)
+    if inputs.desired_normal_force[0] > 0:
         target = without_normal_feedforward(target, contact.engaged * contact.near)
     if fraction > 0:
-        target = motion_in_world(target, inputs.frame_twist, inputs.frame_acceleration)
+        target = motion_in_world(target, frame.V, frame.A)
         if fraction < 1:
-            target = blended(target, relative(X_WT, held), fraction, rate)
+            target = blended(target, relative(frame.X, held), fraction, rate)
     else:
-        target = TaskTarget(relative(X_WT, held), np.zeros(6), np.zeros(6))
+        target = TaskTarget(relative(frame.X, held), np.zeros(6), np.zeros(6))
     return target
 
 
-@inlined
+@compiled
 def _task_wrench(
     settings: ImpedanceSettings,
-    memory: ImpedanceMemory,
-    inputs: StepInputs,
+    memory: np.record,
+    state: ForceState,
+    inputs: np.record,
     contact: Contact,
     fraction: float,
-    arm_T: ArmDynamics,
-    X_TE: Pose,
+    rising: float,
 ) -> tuple[Array, ForceCorrection, float, float]:
-    """Return feed-forward wrench, force correction, desired and measured force, N."""
+    """Return feed-forward wrench, force correction, desired and measured force, N.
+
+    `rising` is the `normal_speed` of the tool.
+    """
     config, height = settings.config.force_control, contact.height
     stiffness = memory.stiffness[5, 5]
     wrench, lifting = np.zeros(6), 0.0
     pressing, searching = 0.0, False
     if fraction > 0:
         pressing, searching = contact.force, contact.searching
-        wrench += inputs.wrench
+        for i in range(6):
+            wrench[i] += inputs.feedforward_wrench[i]
         wrench[5] -= pressing
-        if inputs.desired_normal_force > 0:
+        if inputs.desired_normal_force[0] > 0:
             # From below the surface the tool rises before it returns.
             lift = config.lift_height + max(-height, 0.0)
             lifting = contact.engaged * (1 - contact.near) * stiffness * lift
     measured = math.nan
     if inputs.has_normal_force:
-        measured = inputs.normal_force if inputs.finite else 0.0
+        measured = inputs.normal_force[0] if inputs.finite else 0.0
     desired = -wrench[5] if fraction == 1 else 0.0
     force = correct_normal_force(
         config,
-        memory.force,
+        state,
         NormalForceDemand(
             desired,
             measured,
@@ -423,50 +440,52 @@ def _task_wrench(
             contact.near < 1,
             height,
             stiffness,
-            memory.saturated,
+            memory.saturated > 0,
         ),
         settings.config.control_period,
     )
-    rising = normal_speed(arm_T, X_TE.p, inputs.frame_twist)
-    factor = approach_factor(config, memory.force.surface, height, -rising)
+    factor = approach_factor(config, memory.surface, height, -rising)
     factor *= engagement(-height - config.search_range, settings.engage_height)
     wrench[5] += pressing * (1 - factor) + lifting
-    wrench *= fraction
+    for i in range(6):
+        wrench[i] *= fraction
     wrench[5] -= force.correction
     return wrench, force, desired, measured
 
 
-@inlined
+@compiled
 def _next_stiffness(
     settings: ImpedanceSettings,
-    memory: ImpedanceMemory,
-    inputs: StepInputs,
+    memory: np.record,
+    inputs: np.record,
     error: Array,
 ) -> tuple[Array, float, int]:
     """Return K, the energy left in the tank, and flags."""
     config, K, energy = settings.config, settings.stiffness[:], memory.tank_energy
-    if not (inputs.has_stiffness or inputs.has_covariance):
+    if not (inputs.has_stiffness > 0 or inputs.has_covariance > 0):
         return K, energy, 0
-    present = memory.stiffness
+    present = memory.stiffness[:]
     if not inputs.finite:
         return present, energy, 0
     if inputs.has_stiffness:
-        K = 0.5 * (inputs.stiffness + inputs.stiffness.T)
-        if not is_positive_definite(inputs.stiffness):
+        given, bounds = inputs.stiffness[:].reshape(6, 6), config.watchdog
+        K = symmetric(given)
+        if not is_positive_definite(given):
             return present, energy, _STIFFNESS_REFUSED
-        largest, bounds = np.diag(K), config.watchdog
-        if (
-            np.max(largest[:3]) > bounds.max_rotational_stiffness
-            or np.max(largest[3:]) > bounds.max_stiffness
-        ):
-            return present, energy, _STIFFNESS_REFUSED
+        for i in range(3):
+            if (
+                K[i, i] > bounds.max_rotational_stiffness
+                or K[3 + i, 3 + i] > bounds.max_stiffness
+            ):
+                return present, energy, _STIFFNESS_REFUSED
     if inputs.has_covariance:
-        if not is_covariance(inputs.covariance):
+        covariance = inputs.covariance[:].reshape(3, 3)
+        if not is_covariance(covariance):
             return present, energy, _STIFFNESS_REFUSED
-        K = stiffness_from_covariance(config.covariance_stiffness, inputs.covariance, K)
+        K = stiffness_from_covariance(config.covariance_stiffness, covariance, K)
     fraction = filter_fraction(config.control_period, config.stiffness_time_constant)
     K, energy, held_back = admit_stiffness(
-        present, present + fraction * (K - present), error, energy
+        present, between(present, K, fraction), error, energy
     )
     return K, energy, _TANK_EMPTY * held_back
 
@@ -501,8 +520,8 @@ def measured_motion(
     ----------
     settings : array of bytes
         Result of `settings_of`.
-    packed : array, shape (107,)
-        The inputs, see `unpack`.
+    packed : array, shape (153,)
+        The inputs, which `unpack` completes.
     X_WE : array, shape (4, 3)
         Transposed R_WE, and below it p_WE in m.
     V_WE : array, shape (6,)
@@ -513,12 +532,13 @@ def measured_motion(
     array, shape (12,)
         p_TE in m, its derivative in T in m/s, and `task_error`.
     """
-    inputs = unpack(packed, settings.view(LAYOUT)[0], 0.0)
-    R_WT, frame = inputs.X_WT.R, inputs.frame_twist
-    X_TE = relative(inputs.X_WT, Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3]))
+    unpack(packed, settings.view(LAYOUT)[0], 0.0)
+    inputs = packed.view(PACKED)[0]
+    (X_WT, frame, _), target = frame_of(inputs), target_of(inputs)
+    X_TE = relative(X_WT, Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3]))
     motion = np.empty(12)
-    velocity = applied(R_WT.T, V_WE[3:]) - frame[3:] - cross(frame[:3], X_TE.p)
-    error = task_error(X_TE, inputs.target.X)
+    velocity = applied(X_WT.R.T, V_WE[3:]) - frame[3:] - cross(frame[:3], X_TE.p)
+    error = task_error(X_TE, target.X)
     for i in range(3):
         motion[i], motion[3 + i] = X_TE.p[i], velocity[i]
         motion[6 + i], motion[9 + i] = error[i], error[3 + i]

@@ -12,6 +12,7 @@ from fmp_drake.systems.impedance.algebra import (
     applied,
     cholesky,
     dot,
+    largest,
     solve_lower,
 )
 
@@ -143,9 +144,29 @@ def stiffness_from_covariance(
 
 
 @compiled
+def symmetric(A: Array) -> Array:
+    """Return the symmetric part of a matrix."""
+    S = np.empty(A.shape)
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            S[i, j] = 0.5 * (A[i, j] + A[j, i])
+    return S
+
+
+@compiled
+def between(A: Array, B: Array, fraction: float) -> Array:
+    """Return the matrix between A (fraction 0) and B (fraction 1)."""
+    C = np.empty(A.shape)
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            C[i, j] = A[i, j] + fraction * (B[i, j] - A[i, j])
+    return C
+
+
+@compiled
 def is_positive_definite(stiffness: Array) -> bool:
     """Return whether a matrix is symmetric, positive definite and finite."""
-    size = np.max(np.abs(stiffness))
+    size = largest(stiffness)
     for i in range(len(stiffness)):
         for j in range(i):
             if not abs(stiffness[i, j] - stiffness[j, i]) <= 1e-6 * size:
@@ -156,8 +177,11 @@ def is_positive_definite(stiffness: Array) -> bool:
 @compiled
 def is_covariance(covariance: Array) -> bool:
     """Return whether a matrix is symmetric and positive semidefinite, up to rounding."""
-    size = np.max(np.abs(covariance))
-    return is_positive_definite(covariance + 1e-6 * max(size, 1e-12) * np.eye(3))
+    shift = 1e-6 * max(largest(covariance), 1e-12)
+    shifted = covariance.copy()
+    for i in range(3):
+        shifted[i, i] += shift
+    return is_positive_definite(shifted)
 
 
 @compiled
