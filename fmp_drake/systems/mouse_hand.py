@@ -37,6 +37,7 @@ from fmp_drake.systems.teaching.mouse_drag import (
     cursor_of,
     follow,
     hand_force,
+    is_idle,
     no_drag,
 )
 
@@ -238,6 +239,8 @@ class MouseHand(LeafSystem):
     def _read(self, context: Context, values: DiscreteValues) -> None:
         state: Any = context.get_discrete_state(self._state).value()
         drag = self._drag(context)
+        if drag is None and is_idle(state):
+            return
         s = state.view(STATE)[0]
         if self._board is None and not s["guiding"] and drag is not None:
             p_WQ = drag.anchor

@@ -1,7 +1,6 @@
 """Desired motion of a playback, in closed form up to its next re-mapping."""
 
 import math
-from dataclasses import replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -336,37 +335,36 @@ def look_ahead(
         directions = directions[:, :0]
     deviations = np.column_stack([state.weights - state.target, directions])
     whole = np.column_stack([state.target, directions]).reshape(d, n, -1)
-    if not deviations.any():  # Weights on target have nothing to decay.
-        relaxation = replace(relaxation, modes=np.empty((d * n, 0)), rates=np.empty(0))
-    coordinates, residual = relaxation.split(deviations.T)
-    modes = np.eye(d * n) if relaxation.modes is None else relaxation.modes
-
-    def decayed(
-        rows: Array,
-        decay: tuple[Array, Array],
-    ) -> Array:
-        """Return k rows of the basis times the deviations, shape (D, k, 1 + r)."""
-        modal, complement = decay
-        out = ((rows @ modes.reshape(d, n, -1)) * modal) @ coordinates.T
-        out += complement * (rows @ residual.T.reshape(d, n, -1))
-        return out
-
     now, step = state.time_since_tick, np.arange(state.step + 1, n)
     since_tick = (step - state.step) / skill.rate
     tempo = state.tempo if state.tempo > 0 else 1.0
-    seconds = (since_tick - now) / tempo
+    offset = _offset_response(state, (since_tick - now) / tempo)
     rows = skill.basis.rows(step)
-    out, decaying = rows @ whole, decayed(rows, relaxation.decay(since_tick))
-    out[..., 0] += decaying[..., 0]
-    out[..., 1:] -= decaying[..., 1:]
-    # The offset absorbs the change of value and velocity at a change of the target.
-    rows = skill.basis.local_rows(min(state.step + now * skill.rate, n - 1))[:2]
-    rows[1] *= skill.rate
-    change = rows @ whole - decayed(rows, relaxation.decay(now))
-    change[:, 1] += decayed(rows[:1], relaxation.decay_rate(now))[:, 0]
-    change[:, 1] *= tempo
-    offset = _offset_response(state, seconds)
-    out[..., 1:] -= offset @ change[..., 1:]
+    out = rows @ whole
+    if deviations.any():  # Weights on target have nothing to decay.
+        coordinates, residual = relaxation.split(deviations.T)
+        modes = np.eye(d * n) if relaxation.modes is None else relaxation.modes
+
+        def decayed(
+            rows: Array,
+            decay: tuple[Array, Array],
+        ) -> Array:
+            """Return k rows of the basis times the deviations, shape (D, k, 1 + r)."""
+            modal, complement = decay
+            out = ((rows @ modes.reshape(d, n, -1)) * modal) @ coordinates.T
+            out += complement * (rows @ residual.T.reshape(d, n, -1))
+            return out
+
+        decaying = decayed(rows, relaxation.decay(since_tick))
+        out[..., 0] += decaying[..., 0]
+        out[..., 1:] -= decaying[..., 1:]
+        # The offset absorbs the change of value and velocity at a change of the target.
+        rows = skill.basis.local_rows(min(state.step + now * skill.rate, n - 1))[:2]
+        rows[1] *= skill.rate
+        change = rows @ whole - decayed(rows, relaxation.decay(now))
+        change[:, 1] += decayed(rows[:1], relaxation.decay_rate(now))[:, 0]
+        change[:, 1] *= tempo
+        out[..., 1:] -= offset @ change[..., 1:]
     out = np.swapaxes(out * skill.scales_[:, None, None], 0, 1)
     out[..., 0] += offset @ state.offset
     return LookAhead(out[..., 0], out[..., 1:])
@@ -374,6 +372,5 @@ def look_ahead(
 
 def _offset_response(state: PlaybackState, seconds: Array) -> Array:
     """Return the later values of an offset of unit value and unit velocity, (N, 2)."""
-    return np.array(
-        [decayed_offset(np.eye(2), state.blend_time, t)[0] for t in seconds]
-    )
+    unit = np.eye(2)
+    return np.array([decayed_offset(unit, state.blend_time, t)[0] for t in seconds])

@@ -5,6 +5,7 @@ set-point with limits on speed, step per message, and travel without a new messa
 drag ends where messages stop or the cursor jumps.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -219,6 +220,14 @@ STARTED, GUIDING = (
     list(STATE.names or ()).index(name) for name in ("started", "guiding")
 )
 """Indices of these numbers in the state."""
+
+_MESSAGE = STATE.fields["message"][1] // 8  # type: ignore[index]
+
+
+def is_idle(state: Array) -> bool:
+    """Return whether `follow` without a drag would leave a state (n,) as it is."""
+    # A drag that has ended, too, has a message.
+    return bool(state[STARTED] and not state[GUIDING] and math.isnan(state[_MESSAGE]))
 
 
 def no_drag() -> Array:
