@@ -98,6 +98,7 @@ class SurfaceMonitor(LeafSystem):
         super().__init__()
         self.set_name("surface_monitor")
         self._box = finite_array(box, "box", (2, 3), error=SystemsError)
+        self._top = max(0.0, float(self._box[1, 2]))
         self._radii = finite_array(radii, "radii", error=SystemsError)
         self._curvature = curvature
         n = self._radii.size
@@ -123,9 +124,12 @@ class SurfaceMonitor(LeafSystem):
         p_W = moved(X_WBody[self._owner], self._points)
         p_B = (p_W - X_WB.translation()) @ X_WB.rotation().matrix()
         p = along(self._curvature, p_B)
-        depth = deepest(p, self._radii, self._box)
-        arm = self._on_arm
-        touches = np.any(clearances(p[arm], self._radii[arm], self._box) < 0)
+        depth, touches = 0.0, False
+        if np.any(p[:, 2] < self._radii + self._top):  # Else all are above the board.
+            depth = deepest(p, self._radii, self._box)
+            arm = self._on_arm
+            gaps = clearances(p[arm], self._radii[arm], self._box)
+            touches = bool(np.any(gaps < 0))
         flags = StatusFlag.BELOW_SURFACE * (depth > TOLERANCE)
         values.set_value(0, np.array([depth]))
         values.get_mutable_value(1)[0] = flags + StatusFlag.ARM_TOUCHES * touches
