@@ -88,6 +88,6 @@ def test_the_next_command_learns_the_recording(command, make, tmp_path):
     line = report.rpartition("next: fmp-drake ")[2].strip()
     words = shlex.split(line.replace("skill.npz", str(tmp_path / "skill.npz")))
     assert words[:2] == ["learn", str(file.path)]
-    learned = command(*words)
+    learned = command(*words, "--n-components", 3)
     assert learned.code == 0, learned.err
     assert (tmp_path / "skill.npz").is_file()

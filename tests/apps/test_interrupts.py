@@ -31,7 +31,7 @@ COMMANDS = {
     "teach": ["teach"],
     "record": ["record", "--duration", "5", "--out", "demo.npz"],
     "worlds": [
-        *("worlds", "default", "--count", "2", "--duration", "1", "--jobs", "1"),
+        *("worlds", "default", "--count", "1", "--duration", "1", "--jobs", "1"),
         *("--out", "out", "--markdown", "report.md"),
     ],
     "reproduce": ["reproduce", "--quick", "--out", "out"],
