@@ -32,6 +32,8 @@ _LEAST_BOUT, _LEAST_GAP, _LEAST_REST, _LEAST_PART = 0.6, 0.15, 0.12, 0.07
 # Squared distance of states from the cycle, relative to its variance, in another movement.
 # In reversed motion, squared distance of the reversed states relative to that of the states.
 _OTHER_DISTANCE, _REVERSE_RATIO = 0.3, 0.4
+# Sizes of a cycle, relative to the mean one, that are the same movement.
+_SCALES = (0.6, 1.7)
 _PHASES = 400
 # Fraction of the recorded time that is left out, above which a remark is made.
 _LARGE_FRACTION = 0.2
@@ -342,6 +344,9 @@ def other_samples(
     for y in recordings:
         d = y.shape[1]
         centred = y - uniform_filter1d(y, size, axis=0)
+        extent = uniform_filter1d(np.sum(centred**2, axis=1), size)
+        scale = np.sqrt(np.maximum(extent, 1e-300) / points.var(axis=0).sum())
+        centred = centred / np.clip(scale, *_SCALES)[:, None]
         state = _states(centred, 2 * np.pi / period)
         forwards, backwards = (
             uniform_filter1d(tree.query(state * np.repeat([1, sign], d))[0] ** 2, size)

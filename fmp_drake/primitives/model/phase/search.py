@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import binary_erosion
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array, Indices, Mask
@@ -319,7 +320,7 @@ def _attempts(
         if attempt is None:
             continue
         attempts.append(attempt)
-        clear = attempt.track.unexplained <= _CLEAR_MISFIT
+        clear = _misfit(attempt.track) <= _CLEAR_MISFIT
         if clear and not _objection(attempt, _LIMITS[0]):
             break
     return attempts
@@ -398,6 +399,11 @@ def _attempt(
     ]
     excluded_masks = [reverse | other for reverse, other in excluded]
     masks = [m & ~x for m, x in zip(masks, excluded_masks, strict=True)]
+    # They are smoothed over a period, so the bouts may end half a period later.
+    half = max(1, round(period / 2))
+    excluded_masks = [
+        binary_erosion(x, iterations=half, border_value=1) for x in excluded_masks
+    ]
     bouts = _cut(recordings, masks)
     if max(map(len, bouts), default=0) < period + 1:
         return None
@@ -422,10 +428,10 @@ def _attempt(
         for a, b in runs(mask):
             if b - a < _SHORTEST_BOUT:
                 label[a:b] = _LEFT_OUT
-        label[reverse] = _BACKWARDS
-        label[other] = _OTHER
+        label[reverse & (label != _BOUT)] = _BACKWARDS
+        label[other & (label != _BOUT)] = _OTHER
         # A short transition to another movement is not a pause.
-        shortest = max(_SHORTEST_BOUT, _LEAST_EXTENSION * period)
+        shortest = max(_SHORTEST_BOUT, period)
         for a, b in runs(label == _LEFT_OUT):
             neighbours = {int(x) for x in (*label[a - 1 : a], *label[b : b + 1])}
             if b - a < shortest and neighbours - {_BOUT}:
