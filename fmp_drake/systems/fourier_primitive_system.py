@@ -385,11 +385,8 @@ class FourierPrimitiveSystem(LeafSystem):
 
     def _tempo_input(self, context: Context) -> float:
         tempo = eval_number(self._tempo, context, 1.0)
-        if not 0 <= tempo <= MAX_TEMPO:
-            raise SystemsError(
-                f"{self.get_name()}: the tempo is {tempo}; it must be from 0 to "
-                f"{MAX_TEMPO:g}."
-            )
+        what = f"{self.get_name()}: the tempo"
+        check_number(tempo, what, least=0, most=MAX_TEMPO, error=SystemsError)
         return tempo
 
     def _sample_input(self, context: Context) -> bool:

@@ -525,7 +525,7 @@ def test_tempo_of_zero_pauses_the_movement(system, start):
 def test_tempo_that_cannot_be_is_refused(system, start, tempo):
     context = context_at(system, start)
     system.GetInputPort("tempo").FixValue(context, tempo)
-    with pytest.raises(SystemsError, match=r"tempo is .* from 0 to 4"):
+    with pytest.raises(SystemsError, match=r"tempo is .* at least 0 and at most 4"):
         Simulator(system, context).Initialize()
 
 

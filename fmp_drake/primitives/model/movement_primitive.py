@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fmp_drake.errors import DemonstrationError, SkillError
-from fmp_drake.numeric import GREATEST, Array, check_number, is_whole, one_blas_thread
+from fmp_drake.numeric import GREATEST, Array, check_number, one_blas_thread
 from fmp_drake.primitives.data.channels import (
     ChannelScales,
     channel_scales,
@@ -552,7 +552,6 @@ class FourierMovementPrimitive(TrajectoryMixture):
             raise SkillError(
                 f"model is {model!r}; it must be 'mixture', 'phase' or 'automatic'."
             )
-        least_positive = 1 / GREATEST
         check_number(values["rate"], "rate", least=1e-6, most=1e6, unit="Hz")
         steps = self._most_steps if self._given_steps is None else self._given_steps
         check_number(steps, "n_steps", least=8, whole=True)
@@ -561,20 +560,17 @@ class FourierMovementPrimitive(TrajectoryMixture):
         if values["stride"] is not None:
             check_number(values["stride"], "stride", least=1, whole=True)
         components = values["n_components"]
-        is_automatic = isinstance(components, str) and components == "automatic"
-        if not (is_automatic or (is_whole(components) and components >= 1)):
-            raise SkillError(
-                f"n_components is {components!r}; it must be a whole number, at least 1, "
-                "or 'automatic'."
-            )
+        if not isinstance(components, str) or components != "automatic":
+            hint = "or 'automatic'"
+            check_number(components, "n_components", least=1, whole=True, hint=hint)
         seed = values["random_state"]
         check_number(seed, "random_state", least=0, most=2**32 - 1, whole=True)
         check_number(
             values["explained_variance"], "explained_variance", above=0.0, most=1.0
         )
-        check_number(values["regularization"], "regularization", least=least_positive)
         check_number(values["shrinkage"], "shrinkage", least=0.0)
-        check_number(values["tolerance"], "tolerance", least=least_positive)
+        for name in ("regularization", "tolerance"):
+            check_number(values[name], name, least=1 / GREATEST)
 
 
 def _at_least(samples: int, seconds: float, rate: float) -> int:

@@ -329,10 +329,7 @@ def _refined(
 
 def _second_difference_bands(n: int) -> Array:
     """Return the upper bands of D'D, with D the second difference, shape (3, n)."""
-    bands = np.zeros((3, n))
-    for offset, product in ((0, (1, 4, 1)), (1, (-2, -2)), (2, (1,))):
-        for i, value in enumerate(product):
-            # Diagonal `offset`: of the entries (c - offset, c).
-            first = i + offset
-            bands[2 - offset, first : n - 2 + first] += value
-    return bands
+    # Products of entries of one row of D, the second, first and zeroth diagonal.
+    products = ((1,), (-2, -2), (1, 4, 1))
+    bands = [np.convolve(np.ones(n - 2), product) for product in products]
+    return np.stack([np.pad(band, (n - len(band), 0)) for band in bands])
