@@ -74,6 +74,7 @@ def test_page_has_a_row_and_a_picture_of_each(command, outputs, monkeypatch):
     assert "0.5 s of each" in page
     head, line, *body = rows(page)
     assert set("".join(line)) == {"-"}
+    assert len(line) == len(head)
     assert [row[0] for row in body] == [
         "[moving_board](#moving_board)",
         "[words](#words)",
