@@ -66,7 +66,8 @@ def source_in_words(skill: FourierMovementPrimitive) -> str:
     >>> import numpy as np
     >>> phase = np.arange(0, 12.6, 0.1)
     >>> circles = 0.1 * np.column_stack([np.cos(phase), np.sin(phase)])
-    >>> source_in_words(FourierMovementPrimitive(model="phase").fit(circles))
+    >>> skill = FourierMovementPrimitive(model="phase", rate=20.0)
+    >>> source_in_words(skill.fit(circles))
     '2.0 cycles of 3.14 s'
     """
     if skill.phase_model_ is None:
