@@ -21,7 +21,6 @@ from fmp_drake.experiments.baselines.periodic_kmp import PeriodicKMP
 from fmp_drake.experiments.benchmark import (
     Forecast,
     Method,
-    all_methods,
     run_benchmark,
 )
 from fmp_drake.experiments.benchmark.built_in import (
@@ -33,6 +32,7 @@ from fmp_drake.experiments.benchmark.cleaning import clean_board, split_to_learn
 from fmp_drake.experiments.benchmark.findings import benchmark_findings
 from fmp_drake.experiments.benchmark.run import (
     MethodScores,
+    all_methods,
     read_scores,
     run_job,
     score_method,

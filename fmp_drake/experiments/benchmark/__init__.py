@@ -7,6 +7,6 @@ group `fmp_drake.methods`.
 
 from fmp_drake.experiments.baselines.method import Forecast, Method
 from fmp_drake.experiments.benchmark.findings import write_benchmark
-from fmp_drake.experiments.benchmark.run import all_methods, run_benchmark
+from fmp_drake.experiments.benchmark.run import run_benchmark
 
-__all__ = ["Forecast", "Method", "all_methods", "run_benchmark", "write_benchmark"]
+__all__ = ["Forecast", "Method", "run_benchmark", "write_benchmark"]
