@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 
 from fmp_drake.errors import StationError
 from fmp_drake.runs import RunLog, WipingRun
+from fmp_drake.skills import scenario_skill
 from fmp_drake.station import CheckFeasibility, LoadRobot, LoadScenario, MakeStation
 from fmp_drake.station.robots.robot import MakeRobotModel
 from fmp_drake.systems.impedance.controller_status import StatusFlag
@@ -109,6 +110,21 @@ def test_six_joints_wipe_the_board_with_the_bundled_skill(run):
     metrics = run.metrics()
     assert metrics["tracking_rms_m"] < 0.01
     assert metrics["cleaned_fraction"] > 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["polish_pipe", "wipe_dome"])
+def test_six_joints_wipe_a_curved_surface(folder, name):
+    scenario = LoadScenario(name, robot=str(folder / "six.yaml"))
+    skill, _, _ = scenario_skill(scenario)
+    assert CheckFeasibility(scenario, skill).is_feasible
+    run = WipingRun(scenario, skill)
+    run.advance_to(6.0)
+    metrics = run.metrics()
+    assert 9.0 < metrics["normal_force_p05_n"] < metrics["normal_force_p95_n"] < 11.0
+    assert metrics["tracking_rms_m"] < 0.005
+    assert metrics["protective_stop_s"] == metrics["arm_on_board_s"] == 0
+    assert metrics["cleaned_fraction_of_demonstrated_area"] > 0.6
 
 
 def test_its_log_has_the_columns_of_six_joints(run, tmp_path):
