@@ -328,7 +328,10 @@ def _adapt_to_force(scenario: Scenario, uvh: Array, force: Array) -> list[str]:
     force : array, shape (C,)
         Normal force in contact, N.
     """
-    uvh[:, 2] -= FELT_DEPTH * np.mean(force) / FeltForceLimit(scenario.eraser)
+    # The felt at a relative depth x bears x (1 - 0.3 x) of the force on a whole felt.
+    edges, ratio = 1 - _BORNE, np.mean(force) / FeltForceLimit(scenario.eraser)
+    depth = (1 - np.sqrt(1 - 4 * edges * ratio)) / (2 * edges)
+    uvh[:, 2] -= FELT_DEPTH * depth
     impedance = scenario.impedance
     friction = scenario.contact_friction() * float(np.percentile(force, 95))
     before = impedance.translational_stiffness
