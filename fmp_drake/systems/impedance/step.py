@@ -264,7 +264,7 @@ def _next_torque(
         wrench[5] -= normal_damping(config, arm_T, X_TE.p, frame_twist)
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error[:])
     error[5] += force.state.surface
-    K, energy, stiffness_flags = _next_stiffness(settings, memory, inputs, error)
+    K, energy, stiffness_flags = next_stiffness(settings, memory, inputs, error)
     law = impedance_law(
         config, arm_T, K, error, target.V, target.A, wrench, joints.q_posture - q
     )
@@ -454,7 +454,7 @@ def _task_wrench(
 
 
 @compiled
-def _next_stiffness(
+def next_stiffness(
     settings: ImpedanceSettings,
     memory: np.record,
     inputs: np.record,
