@@ -21,7 +21,9 @@ CLOCKS = {"simulated_seconds": 1.0, "wall_seconds": 1.0, "real_time_factor": 1.0
 
 @pytest.fixture(scope="module")
 def stirring():
-    return FourierMovementPrimitive().fit(demonstration(height=0.15, tilt=0.4))
+    return FourierMovementPrimitive(n_components=30).fit(
+        demonstration(height=0.15, tilt=0.4)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +114,7 @@ def test_picture_film_and_replay_of_free_space(stirred, tmp_path):
 
 
 def test_a_force_channel_is_measured_against_the_force_of_the_moment():
-    skill = FourierMovementPrimitive().fit(
+    skill = FourierMovementPrimitive(n_components=30).fit(
         demonstration(height=-0.002, force=(10.0, 4.0))
     )
     scenario = Scenario()
@@ -134,6 +136,8 @@ def test_check_follows_the_poses_of_a_skill_in_free_space(free, stirring):
     assert feasibility.is_feasible, feasibility.verdict
     assert feasibility.values["largest_angle"] < 0.02
     assert "largest_press" not in feasibility.values
-    leaning = FourierMovementPrimitive().fit(demonstration(height=0.15, tilt=1.4))
+    leaning = FourierMovementPrimitive(n_components=30).fit(
+        demonstration(height=0.15, tilt=1.4)
+    )
     refused = CheckFeasibility(free, leaning)
     assert not refused.is_feasible

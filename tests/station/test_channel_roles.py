@@ -19,13 +19,15 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def stirring():
-    return FourierMovementPrimitive().fit(demonstration(height=0.15, tilt=0.4))
+    return FourierMovementPrimitive(n_components=30).fit(
+        demonstration(height=0.15, tilt=0.4)
+    )
 
 
 @pytest.fixture(scope="module")
 def pulsing():
     shown = demonstration(height=-0.002, force=(10.0, 4.0))
-    return FourierMovementPrimitive().fit(shown)
+    return FourierMovementPrimitive(n_components=30).fit(shown)
 
 
 def scenario(**press):
@@ -133,6 +135,6 @@ def test_a_channel_without_a_role_is_refused():
         channels=("x", "y", "z", "grip"),
         units=("m", "m", "m", "1"),
     )
-    skill = FourierMovementPrimitive().fit(shown)
+    skill = FourierMovementPrimitive(n_steps=20, n_components=2).fit(shown)
     with pytest.raises(StationError, match="channel grip has no role"):
         MakeStation(Scenario(), skill)
