@@ -186,6 +186,19 @@ def test_released_arm_is_held_after_guiding_but_not_after_pulling(plant):
             assert_allclose(force.F_Bq_W.translational(), [0, 0, pressed], atol=1e-9)
 
 
+def test_a_drag_that_ended_by_a_jump_begins_anew_after_its_release(plant):
+    hand = pulling(plant)
+    simulator = begin(hand)
+    drag(hand, simulator, [0, 0, 0.01], [0, 0, 0.02])
+    assert output(hand, simulator, "is_guided")[0] == 1
+    drag(hand, simulator, [0, 0, 2.0], [0, 0, 0.03], [0, 0, 0.04])
+    assert output(hand, simulator, "is_guided")[0] == 0
+    say(hand, simulator.get_mutable_context())
+    simulator.AdvanceTo(simulator.get_context().get_time() + SAMPLE_PERIOD)
+    drag(hand, simulator, [0, 0, 0.05], [0, 0, 0.06])
+    assert output(hand, simulator, "is_guided")[0] == 1
+
+
 @pytest.mark.parametrize(
     ("number", "turns"), [(1.0, True), (0.0, False), (np.nan, False)]
 )
