@@ -31,7 +31,7 @@ def test_skill_and_picture_are_written(command, make_npz, outputs):
 def test_poses_are_played_where_the_tool_moves_freely(command, outputs):
     skill = outputs / "skill.npz"
     stirring = REPOSITORY / "models" / "demonstrations" / "stirring.npz"
-    result = command("learn", stirring, "--out", skill)
+    result = command("learn", stirring, "--out", skill, "--n-components", 30)
     assert f"next: fmp-drake wipe --scenario stir --skill {skill}" in result.out
 
 
@@ -62,7 +62,8 @@ def test_stretch_slows_the_skill_down(command, make_npz, outputs):
     windows = []
     for factor in (1, 2):
         skill = outputs / f"{factor}.npz"
-        assert command("learn", demo, "--out", skill, "--stretch", factor).code == 0
+        options = ("--stretch", factor, "--n-components", 3)
+        assert command("learn", demo, "--out", skill, *options).code == 0
         windows.append(load_skill(skill).n_windows_)
     # 20 s against 40 s, less a window of 6 s, every half second.
     assert windows[1] > 2 * windows[0]
@@ -73,7 +74,8 @@ def test_several_files_are_learned_together(command, make_npz, outputs):
     counts = []
     for files in (paths[:1], paths):
         skill = outputs / "skill.npz"
-        assert command("learn", *files, "--out", skill).code == 0
+        options = ("--out", skill, "--n-components", 3)
+        assert command("learn", *files, *options).code == 0
         counts.append(load_skill(skill).n_windows_)
     assert counts[1] == 2 * counts[0]
 
@@ -93,7 +95,8 @@ def test_same_file_gives_the_same_skill(
 
 def test_failed_learning_keeps_the_older_skill(command, refused, make_npz, outputs):
     skill = outputs / "skill.npz"
-    assert command("learn", make_npz(), "--out", skill).code == 0
+    options = ("--out", skill, "--n-components", 3)
+    assert command("learn", make_npz(), *options).code == 0
     before = skill.read_bytes()
     refused("learn", make_npz("short.npz", seconds=1), "--out", skill)
     assert skill.read_bytes() == before
