@@ -5,6 +5,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from try_readme import opens_page, steps
 
@@ -45,6 +46,64 @@ def test_links_and_pictures_are_there():
     for file, anchor in links:
         assert (REPOSITORY / file).exists(), file
         assert not anchor or anchor in anchors, anchor
+
+
+def readme_claims(pattern):
+    """Return the figures that a sentence of the README contains."""
+    found = re.search(pattern, " ".join(README.split()))
+    assert found, pattern
+    return [float(figure) for figure in found.groups()]
+
+
+def test_figures_of_predictions_are_those_of_the_results():
+    results = (REPOSITORY / "examples/site/results.rst").read_text(encoding="utf-8")
+    real, simulated = results.split("Simulated recordings\n----")
+    (ratio,) = readme_claims(r"error of the next second is ([\d.]+) of")
+    assert f"the error is {ratio:g} of replay's" in real
+    least, most = readme_claims(r"(\d+) to (\d+) % of the positions")
+    row = re.search(r"\* - FMP\n(?:     - .*\n){2}     - (.*)", real)[1]
+    covered = [float(figure) for figure in row.split(" / ")]
+    assert (least, most) == (min(covered), max(covered))
+    held_out = dict(re.findall(r"\* - (.*)\n     - (\d[\d.]+) / .* / ", simulated))
+    methods = (
+        "FMP",
+        "Gaussian process, delay embedding",
+        "replay of the most similar past",
+        "ProMP, own frequencies",
+    )
+    claimed = readme_claims(
+        r"is ([\d.]+) mm \(Gaussian process ([\d.]+), replay ([\d.]+), ProMP ([\d.]+)\)"
+    )
+    assert claimed == [float(held_out[method]) for method in methods]
+
+
+def test_figures_of_scenarios_are_those_of_their_page():
+    page = (REPOSITORY / "models/scenarios/README.md").read_text(encoding="utf-8")
+    rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| [")]
+    with_board = [row for row in rows if row[1] != "-"]
+    cleaned = [float(row[1].removesuffix(" %")) for row in with_board]
+    near = [float(row[4].split("/")[1].removesuffix(" %")) for row in with_board]
+    least, most, fraction = readme_claims(
+        r"cleans ([\d.]+) to ([\d.]+) % of .* at least ([\d.]+) % of the time"
+    )
+    assert (least, most) == (min(cleaned), max(cleaned))
+    assert fraction == min(near)
+
+
+def test_figures_of_trials_are_those_of_their_page():
+    page = (REPOSITORY / "models/worlds/README.md").read_text(encoding="utf-8")
+    rows = re.findall(
+        r"^\| (accepted|refused).* \| (\d+) \| (\d+) \|$", page, re.MULTILINE
+    )[:3]
+    counts = {"accepted": np.zeros(2), "refused": np.zeros(2)}
+    for kind, *row in rows:
+        counts[kind] += np.array(row, dtype=float)
+    number, refused, accepted, passed = readme_claims(
+        r"Of \[(\d+) randomised ones\]\S* (\d+) are refused .* of the other (\d+), (\d+) pass"
+    )
+    assert [accepted, passed] == counts["accepted"].tolist()
+    assert [refused, 2] == counts["refused"].tolist()
+    assert number == accepted + refused
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
