@@ -10,6 +10,7 @@ from posed_recordings import demonstration
 
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.station import CheckFeasibility, Scenario
+from fmp_drake.station.reach import feasibility
 from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
@@ -45,11 +46,12 @@ class Predictions:
         self.asked.append({"X_WB": X_WB, "step": step, "paths": paths, **options})
         shape, n = (len(X_WB) * len(paths), paths.shape[1]), postures.shape[1]
         q = np.broadcast_to(limits().middle, (*shape, n)).copy()
-        v, torque, force_torque = (np.zeros((*shape, n)) for _ in range(3))
+        v, torque = (np.zeros((*shape, n)) for _ in range(2))
+        M, J = np.tile(np.eye(n), (*shape, 1, 1)), np.zeros((*shape, 6, n))
         v[..., QUICK] = -SPEED * limits().speed[QUICK]
         torque[..., LOADED] = -TORQUE * limits().upper_effort[LOADED]
         error, manipulability = np.zeros((*shape, 6)), np.full(shape, 0.1)
-        motion = PredictedMotion(q, v, torque, force_torque, error, manipulability)
+        motion = PredictedMotion(q, v, torque, M, J, error, manipulability)
         self.change(motion, step=step, speed=options.get("speed"))
         return motion
 
@@ -337,7 +339,7 @@ def test_the_motion_is_predicted_again_where_joints_are_braked(
     predicted, restless_skill, ratio, braked
 ):
     def change(motion, *, speed, **_):
-        motion.v[few(3, motion), 3] = -ratio * limits().speed[3]
+        motion.v[..., 3] = -ratio * limits().speed[3]
         motion.error[..., 3:] = [0.002, 0.0, 0.001]
         if speed is not None:
             assert np.all(speed >= 0.85 * limits().speed)
@@ -427,7 +429,7 @@ def loads(per_newton, torque, joint=1):
 
     def change(motion, **_):
         motion.torque[..., joint] = torque
-        motion.force_torque[..., joint] = per_newton
+        motion.J[..., 5, joint] = -per_newton
 
     return change
 
@@ -503,7 +505,7 @@ def test_torques_of_the_press_count_with_their_signs_in_each_sample(
 
     def change(motion, **_):
         motion.torque[..., :2] = [-40.0, 40.0]
-        motion.force_torque[..., :2] = [0.4, -0.4]
+        motion.J[..., 5, :2] = [-0.4, 0.4]
 
     predicted.change = change
     scenario = Scenario()
@@ -522,8 +524,8 @@ def test_torques_that_are_hardly_ever_needed_do_not_count(
 
     def change(motion, **_):
         motion.torque[few(count, motion), 1] = 0.8 * effort
-        motion.force_torque[few(count, motion), 1] = 0.02 * effort
-        motion.force_torque[few(COUNT, motion), 3] = 0.01 * effort
+        motion.J[few(count, motion), 5, 1] = -0.02 * effort
+        motion.J[few(COUNT, motion), 5, 3] = -0.01 * effort
 
     predicted.change = change
     scenario = Scenario()
@@ -551,6 +553,39 @@ def test_force_of_a_skill_counts_between_none_and_its_largest_one(predicted):
     largest = values["friction_lag"] * 1500 / scenario.contact_friction()
     assert 20.0 < largest <= skill.extent_[1, 3] + 1e-9
     assert values["tracking_error"] == pytest.approx(values["friction_lag"])
+
+
+@pytest.mark.parametrize(("count", "is_feasible"), [(6, True), (7, False)])
+def test_normal_force_that_braked_joints_disturb_is_refused(
+    predicted, restless_skill, monkeypatch, count, is_feasible
+):
+    def error(_config, _limits, motion, *, step):
+        assert step == pytest.approx(predicted.asked[-1]["step"])
+        out = np.full(motion.q.shape[:2], 4.9)
+        if step < 0.12:  # Slower than tempo 0.83 nothing is braked.
+            out[few(count, motion)] = -5.1
+        return out
+
+    monkeypatch.setattr(feasibility, "predict_force_error", error)
+    predicted.change = fast(1.05, 40)
+    found = CheckFeasibility(Scenario(), restless_skill)
+    assert found.is_feasible == is_feasible
+    assert found.values["unsteady_fraction"] == pytest.approx(count / COUNT)
+    if not is_feasible:
+        assert found.verdict == (
+            "The arm cannot follow this skill: joints are braked, and on 1.4 % of the path "
+            "the normal force is off by more than 5 N. What would help: slow down to tempo "
+            "0.80."
+        )
+        assert found.suggested_tempo == pytest.approx(0.8)
+
+
+def test_a_skill_in_free_space_has_no_normal_force(predicted, restless_skill):
+    scenario = Scenario()
+    scenario.board.shape = "none"
+    predicted.change = fast(1.0, 40)
+    values = CheckFeasibility(scenario, restless_skill).values
+    assert "unsteady_fraction" not in values
 
 
 # Paths -------------------------------------------------------------------

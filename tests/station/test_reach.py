@@ -280,7 +280,7 @@ def at(*postures):
     """Return a motion of one path through postures, for its clearance."""
     q = np.array(postures)[None]
     nothing = np.zeros((*q.shape[:2], 6))
-    return PredictedMotion(q, q, q, q, nothing, nothing[..., 0])
+    return PredictedMotion(q, q, q, q, q, nothing, nothing[..., 0])
 
 
 def small_board(position):

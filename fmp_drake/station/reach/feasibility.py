@@ -21,8 +21,10 @@ from fmp_drake.station.reach.board_reach import (
     BoardReach,
     FollowingBounds,
 )
+from fmp_drake.station.reach.force_prediction import predict_force_error
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.station.scenario import ParseScenario, Scenario
+from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.station.skill_motion import SkillRoles
 
 Array = NDArray[np.float64]
@@ -62,8 +64,9 @@ class Feasibility:
         ``smallest_clearance`` of the arm's links from the board (m);
         ``largest_speed_ratio`` and ``largest_torque_ratio`` to the joints' limits;
         ``braking_lag`` of the eraser by braked joints (rms, m); ``friction_lag`` (m);
-        the predicted ``tracking_error`` (rms, m); and the ``largest_tempo`` and
-        ``largest_press`` (N) with which the check passes.
+        the predicted ``tracking_error`` (rms, m); ``unsteady_fraction`` of the samples at
+        which braked joints change the normal force by more than 5 N; and the
+        ``largest_tempo`` and ``largest_press`` (N) with which the check passes.
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
         no clearance, friction and normal force; the angle needs rotation channels.
     start : array, shape (3,)
@@ -243,17 +246,23 @@ class _Check:
         motion = self._follow(X_WB, postures)
         clearance, link = reach.clearance(X_WB, motion, self._displacement)
         # Where the controller brakes a joint, the eraser lags behind its path.
-        braked, speed = motion, _BRAKED * reach.limits.speed
-        if np.any(np.abs(motion.v) > speed):
-            braked = self._follow(X_WB, postures, speed)
-        lags = (braked.error - motion.error).reshape(*motion.q.shape[:2], 2, 3)
+        speed = _BRAKED * reach.limits.speed
+        error = motion.error.reshape(len(X_WB), *self._paths.shape[:2], 6).copy()
+        is_fast = np.any(np.abs(motion.v) > speed, axis=-1).reshape(error.shape[:-1])
+        rows = np.any(is_fast, axis=(0, 2))
+        if np.any(rows):
+            braked = self._follow(X_WB, postures, speed, rows).error
+            error[:, rows] = braked.reshape(len(X_WB), -1, *error.shape[2:])
+        error = error.reshape(motion.error.shape)
+        lags = (error - motion.error).reshape(*motion.q.shape[:2], 2, 3)
         if self._R_TE is not None:
-            lags[..., 0, :] = braked.error[..., :3]
+            lags[..., 0, :] = error[..., :3]
         squares = np.sum(lags**2, axis=-1)
         lag_angle, lag = map(float, np.sqrt(np.mean(squares, axis=(0, 1))))
         values, missed = self._judge_reach(motion, clearance, link, lag)
         values |= self._judge_speed(motion, lag, lag_angle)
         values |= self._judge_force(motion)
+        values |= self._judge_steadiness(motion, float(values["largest_tempo"]))
         ratios = [
             f"{100 * values[name]:.0f} %"
             for name in ("largest_speed_ratio", "largest_torque_ratio")
@@ -278,15 +287,19 @@ class _Check:
         )
 
     def _follow(
-        self, X_WB: list[RigidTransform], postures: Array, speed: Array | None = None
+        self,
+        X_WB: list[RigidTransform],
+        postures: Array,
+        speed: Array | None = None,
+        rows: Flags | slice = np.s_[:],
     ) -> PredictedMotion:
         return self._reach.follow(
             X_WB,
-            self._paths,
-            moved=self._displacement,
+            self._paths[rows],
+            moved=self._displacement[rows],
             step=self._step,
             postures=postures,
-            R_TE=self._R_TE,
+            R_TE=None if self._R_TE is None else self._R_TE[rows],
             speed=speed,
         )
 
@@ -472,6 +485,21 @@ class _Check:
             "friction_lag": friction_lag * force,
             "largest_press": limit,
         }
+
+    def _judge_steadiness(self, motion: PredictedMotion, tempo: float) -> Values:
+        """Return how often braked joints disturb the normal force."""
+        if self._faults or not self._scenario.has_board:
+            return {}
+        config, limits = self._scenario.impedance, self._reach.limits
+        error = predict_force_error(config, limits, motion, step=self._step)
+        fraction = float(np.mean(np.abs(error) > FORCE_TOLERANCE))
+        if fraction > self._bounds.unsteady:
+            self._faults.append(
+                f"joints are braked, and on {100 * fraction:.1f} % of the path the normal "
+                f"force is off by more than {FORCE_TOLERANCE:g} N"
+            )
+            self._slower = min(tempo, self._tempo)
+        return {"unsteady_fraction": fraction}
 
     def _friction_lag(self) -> float:
         """Return the lag of the eraser by friction per newton of normal force, m/N."""

@@ -31,8 +31,10 @@ class PredictedMotion(NamedTuple):
         rad and rad/s.
     torque : array, shape (B, T, n)
         For motion and weight of the arm with its eraser, Nm.
-    force_torque : array, shape (B, T, n)
-        Joint torque per newton of normal force on the board, m.
+    M : array, shape (B, T, n, n)
+        Mass matrix, kg m².
+    J : array, shape (B, T, 6, n)
+        Jacobian of the eraser's twist in the board's axes, rotation first.
     error : array, shape (B, T, 6)
         From the predicted to the desired pose, in the board's axes: rotation in rad, then
         translation in m.
@@ -43,9 +45,15 @@ class PredictedMotion(NamedTuple):
     q: Array
     v: Array
     torque: Array
-    force_torque: Array
+    M: Array
+    J: Array
     error: Array
     manipulability: Array
+
+    @property
+    def force_torque(self) -> Array:
+        """Joint torque per newton of normal force on the board, m, shape (B, T, n)."""
+        return -self.J[..., 5, :]
 
     def deviations(self, *, has_rotation: bool) -> tuple[Array, Array]:
         """Return distances (m) and angles (rad) from the desired poses, (B, T) each.
@@ -154,15 +162,15 @@ class TrackingPredictor:
             M, Cv, X, J = self._read(q, v)
             inverse = _inverse(M, J, damping[:, i])
             error = _errors(X, path[:, k], R_WE[:, i]).reshape(-1, 2, 3) @ R_WB[:, i]
-            force_torque = _times(J[:, 3:].mT, -R_WB[:, i, :, 2])
+            J_B = R_WB[:, i, None].mT @ J.reshape(len(J), 2, 3, -1)
             squared = np.maximum(np.linalg.det(J @ J.mT), 0.0)
-            samples.append((q, v, M, Cv, force_torque, error, np.sqrt(squared)))
+            samples.append((q, v, M, Cv, J_B.reshape(J.shape), error, np.sqrt(squared)))
         parts = zip(*samples[-p_WE.shape[1] :], strict=True)
-        q, v, M, Cv, force_torque, error, size = (np.stack(p, axis=1) for p in parts)
+        q, v, M, Cv, J, error, size = (np.stack(p, axis=1) for p in parts)
         v[:, :1] = v[:, 1:2]  # A window starts in the middle of a motion.
         torque = _times(M, np.diff(v, axis=1, prepend=v[:, :1]) / step) + Cv
         error = error.reshape(*error.shape[:2], 6)
-        return PredictedMotion(q, v, torque, force_torque, error, size)
+        return PredictedMotion(q, v, torque, M, J, error, size)
 
     def _read(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M (B, n, n), Cv - g (B, n), X_WE (B, 3, 4) and J (B, 6, n) in W."""
