@@ -25,6 +25,9 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fmp_drake.compiled import compiled
 from fmp_drake.settings import bounded
 
@@ -150,6 +153,29 @@ class ForceCorrection(NamedTuple):
     limited: bool
 
 
+class Contact(NamedTuple):
+    """Desired normal force, and the position of the tool relative to the desired one.
+
+    Parameters
+    ----------
+    height : float
+        Of the tool above the desired position along T's z, m.
+    near, engaged : float
+        Fractions of the normal force, in [0, 1]: by the distance from the desired position
+        along the surface, and by the height of the desired position.
+    force : float
+        Desired normal force times both fractions, N.
+    searching : bool
+        Whether the tool moves toward a surface that it has not found.
+    """
+
+    height: float
+    near: float
+    engaged: float
+    force: float
+    searching: bool
+
+
 @compiled
 def engagement(height: float, engage_height: float) -> float:
     """Return a smooth step of the height: 0 above `engage_height`, 1 on the surface.
@@ -158,6 +184,48 @@ def engagement(height: float, engage_height: float) -> float:
     """
     nearness = min(max(1 - height / engage_height, 0.0), 1.0)
     return nearness * nearness * (3 - 2 * nearness)
+
+
+@compiled
+def contact_of(
+    config: ForceControlConfig,
+    engage_height: float,
+    stopped: bool,
+    inputs: np.record,
+    p_TE: NDArray[np.float64],
+) -> Contact:
+    """Return the desired contact of a tool.
+
+    Parameters
+    ----------
+    config : ForceControlConfig
+        As `values_of` returns it.
+    engage_height : float
+        Height of the target below which the normal force acts, m.
+    stopped : bool
+        Whether there is a protective stop.
+    inputs : record
+        Inputs of the controller, of the type `PACKED`.
+    p_TE : array, shape (3,)
+        Position of the tool, m.
+    """
+    height, rest = p_TE[2] - inputs.desired_position[2], config.rest_distance
+    # A high tool descends while it returns, so that it does not get stuck in the air.
+    high = max(height - config.lift_height, 0.0)
+    beside = math.hypot(
+        p_TE[0] - inputs.desired_position[0], p_TE[1] - inputs.desired_position[1]
+    )
+    near = engagement(beside - rest - high, rest)
+    engaged = engagement(inputs.desired_position[2], engage_height)
+    force = max(inputs.desired_normal_force[0], 0.0) * engaged * near
+    searching = (
+        near == 1
+        and not stopped
+        and inputs.desired_position[2] < engage_height
+        and force - inputs.feedforward_wrench[5] > 0
+        and (force > 0 or inputs.has_normal_force > 0)
+    )
+    return Contact(height, near, engaged, force, searching)
 
 
 @compiled

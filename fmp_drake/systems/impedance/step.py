@@ -1,7 +1,6 @@
 """One update of the impedance controller, and its measurements, as functions of arrays."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +25,12 @@ from fmp_drake.systems.impedance.algebra import (
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.force_control import (
+    Contact,
     ForceCorrection,
     ForceState,
     NormalForceDemand,
     approach_factor,
+    contact_of,
     correct_normal_force,
     engagement,
     is_beyond,
@@ -184,29 +185,6 @@ def impedance_step(
     )
 
 
-class Contact(NamedTuple):
-    """Desired normal force, and the position of the tool relative to the desired one.
-
-    Parameters
-    ----------
-    height : float
-        Of the tool above the desired position along T's z, m.
-    near, engaged : float
-        Fractions of the normal force, in [0, 1]: by the distance from the desired position
-        along the surface, and by the height of the desired position.
-    force : float
-        Desired normal force times both fractions, N.
-    searching : bool
-        Whether the tool moves toward a surface that it has not found.
-    """
-
-    height: float
-    near: float
-    engaged: float
-    force: float
-    searching: bool
-
-
 @inlined
 def _next_torque(
     settings: ImpedanceSettings,
@@ -231,8 +209,9 @@ def _next_torque(
 
     target_W = compose(X_WT, target_T.X)
     flags, last = _checked_target(config, memory, inputs, X_WE, target_W, rotation)
-    contact = _contact(settings, memory, inputs, X_TE.p)
-    if contact.searching and is_beyond(config.force_control, state, contact.height):
+    control, stopped = config.force_control, watchdog.mode == STOPPED
+    contact = contact_of(control, settings.engage_height, stopped, inputs, X_TE.p)
+    if contact.searching and is_beyond(control, state, contact.height):
         flags |= _NOT_FOUND
     for i in range(len(arm.v)):
         if abs(arm.v[i]) > joints.limits.speed[i]:
@@ -240,7 +219,7 @@ def _next_torque(
     # In a stop, a tool below the assumed surface rises slowly to it, and the stop lasts
     # as long. The found surface is reset meanwhile.
     surface = memory.surface
-    below = watchdog.mode == STOPPED and surface < 0
+    below = stopped and surface < 0
     stop_pose = raised(X_WE, X_WT, -min(surface, 0.0))
     watchdog, held = supervised(
         config.watchdog,
@@ -300,15 +279,8 @@ def _next_torque(
         if watchdog.mode != STOPPED:
             held = raised(stop_pose, X_WT, _RETREAT)
         watchdog, fraction = WatchdogState(STOPPED, 0.0, 0.0), 0.0
-    status = status_of_update(
-        flags | force_flags | stiffness_flags,
-        fraction,
-        watchdog,
-        law,
-        limited,
-        force,
-        energy,
-    )
+    flags |= force_flags | stiffness_flags
+    status = status_of_update(flags, fraction, watchdog, law, limited, force, energy)
     after = ImpedanceMemory(
         watchdog,
         with_force(config.force_control, force.state, law.normal_force, period),
@@ -354,32 +326,6 @@ def _checked_target(
             config.control_period,
         )
     return flags, last
-
-
-@compiled
-def _contact(
-    settings: ImpedanceSettings,
-    memory: np.record,
-    inputs: np.record,
-    p_TE: Array,
-) -> Contact:
-    """Return the desired contact of a tool at a position in T, m."""
-    control, p_TD = settings.config.force_control, inputs.desired_position[:]
-    height, rest = p_TE[2] - p_TD[2], control.rest_distance
-    # A high tool descends while it returns, so that it does not get stuck in the air.
-    high = max(height - control.lift_height, 0.0)
-    beside = math.hypot(p_TE[0] - p_TD[0], p_TE[1] - p_TD[1])
-    near = engagement(beside - rest - high, rest)
-    engaged = engagement(p_TD[2], settings.engage_height)
-    force = max(inputs.desired_normal_force[0], 0.0) * engaged * near
-    searching = (
-        near == 1
-        and memory.mode != STOPPED
-        and p_TD[2] < settings.engage_height
-        and force - inputs.feedforward_wrench[5] > 0
-        and (force > 0 or inputs.has_normal_force > 0)
-    )
-    return Contact(height, near, engaged, force, searching)
 
 
 @inlined
