@@ -12,9 +12,11 @@ from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.station import CheckFeasibility, Scenario
 from fmp_drake.station.reach import feasibility
 from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
+from fmp_drake.station.reach.push_prediction import predict_lift
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.systems.interface.arm_model import joint_limits
+from fmp_drake.systems.scripted_disturbances import Disturbance
 
 # Of the samples of a check; its paths are 51 of 10 samples.
 COUNT = 510
@@ -585,7 +587,65 @@ def test_a_skill_in_free_space_has_no_normal_force(predicted, restless_skill):
     scenario.board.shape = "none"
     predicted.change = fast(1.0, 40)
     values = CheckFeasibility(scenario, restless_skill).values
-    assert "unsteady_fraction" not in values
+    assert not {"unsteady_fraction", "push_deviation"} & set(values)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "arm", "remedy"),
+    [
+        (6.0, 0.1, "press with at least"),
+        (6.0, 10.0, "none of the tested"),
+        (14.0, 0.1, ""),
+    ],
+)
+def test_a_push_that_lifts_the_eraser_is_refused_and_a_normal_force_helps(
+    predicted, restless_skill, wanted, arm, remedy
+):
+    def change(motion, **_):
+        motion.J[..., 5, 5] = 0.5  # 4 kg along the normal.
+        # Torque of joint 2, whose inertia is so large that it does not yield.
+        motion.J[..., 5, 1], motion.M[..., 1, 1] = -arm, 1e9
+
+    predicted.change = change
+    scenario = Scenario()
+    scenario.press.force = wanted
+    nudge, push = (Disturbance(duration=0.6, force=[9.0, 0, z]) for z in (12, 36))
+    grasp = Disturbance(kind="grasp", duration=0.6, force=[0, 0, 80.0])
+    scenario.disturbances = [nudge, push, grasp]
+    found = CheckFeasibility(scenario, restless_skill)
+    lift = predict_lift(push, scenario.impedance, force=wanted, mass=4.0)
+    assert found.values["push_deviation"] == pytest.approx(lift)
+    assert found.is_feasible == (remedy == "")
+    if remedy:
+        force = int(re.search(r"board; (\d+) N withstand it. What", found.verdict)[1])
+        assert wanted < force < 14
+        bound = FollowingBounds().lift
+        lifts = [
+            predict_lift(push, scenario.impedance, force=force - less, mass=4.0)
+            for less in (0, 1)
+        ]
+        assert lifts[0] <= bound < lifts[1]
+        assert (
+            f"a push of 36 N lifts the eraser by {100 * lift:.0f} cm" in found.verdict
+        )
+        assert f"help: {remedy}" in found.verdict
+        if "press" in remedy:
+            assert f"{remedy} {force} N." in found.verdict
+
+
+def test_the_felt_limits_the_normal_force_that_withstands_a_push(
+    predicted, restless_skill
+):
+    def change(motion, **_):
+        motion.J[..., 5, 5] = 0.5
+
+    predicted.change = change
+    scenario = Scenario()
+    scenario.press.force = 3.0
+    scenario.eraser.modulus = 1e3  # It bears 4.8 N.
+    scenario.disturbances = [Disturbance(duration=0.6, force=[0, 0, 40.0])]
+    found = CheckFeasibility(scenario, restless_skill)
+    assert "What would help: none of the tested changes" in found.verdict
 
 
 # Paths -------------------------------------------------------------------

@@ -22,6 +22,7 @@ from fmp_drake.station.reach.board_reach import (
     FollowingBounds,
 )
 from fmp_drake.station.reach.force_prediction import predict_force_error
+from fmp_drake.station.reach.push_prediction import predict_lifts
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.station.scenario import ParseScenario, Scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
@@ -65,7 +66,8 @@ class Feasibility:
         ``largest_speed_ratio`` and ``largest_torque_ratio`` to the joints' limits;
         ``braking_lag`` of the eraser by braked joints (rms, m); ``friction_lag`` (m);
         the predicted ``tracking_error`` (rms, m); ``unsteady_fraction`` of the samples at
-        which braked joints change the normal force by more than 5 N; and the
+        which braked joints change the normal force by more than 5 N; ``push_deviation``, the
+        height to which scripted pushes lift the eraser off the board (m); and the
         ``largest_tempo`` and ``largest_press`` (N) with which the check passes.
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
         no clearance, friction and normal force; the angle needs rotation channels.
@@ -196,10 +198,11 @@ class _Check:
         phase = (phase + omega * self._step * np.arange(length))[..., None]
         self._displacement = np.sin(phase) * rail
         self._faults: list[str] = []
-        # Remedies: a move of the board, a slower tempo, a smaller normal force (N).
+        # Remedies: a move of the board, a slower tempo, a smaller or greater normal force (N).
         self._is_far = False
         self._slower: float | None = None
         self._softer: float | None = None
+        self._firmer: float | None = None
 
     def _skill_paths(self, roles: ChannelRoles) -> Array:
         """Play windows from the start, and sample windows from the whole mixture.
@@ -247,13 +250,12 @@ class _Check:
         clearance, link = reach.clearance(X_WB, motion, self._displacement)
         # Where the controller brakes a joint, the eraser lags behind its path.
         speed = _BRAKED * reach.limits.speed
-        error = motion.error.reshape(len(X_WB), *self._paths.shape[:2], 6).copy()
-        is_fast = np.any(np.abs(motion.v) > speed, axis=-1).reshape(error.shape[:-1])
-        rows = np.any(is_fast, axis=(0, 2))
+        is_fast = np.any(np.abs(motion.v) > speed, axis=(1, 2))
+        rows = np.any(is_fast.reshape(len(X_WB), -1), axis=0)
+        error = motion.error.copy()
         if np.any(rows):
-            braked = self._follow(X_WB, postures, speed, rows).error
-            error[:, rows] = braked.reshape(len(X_WB), -1, *error.shape[2:])
-        error = error.reshape(motion.error.shape)
+            braked = self._follow(X_WB, postures, speed, rows)
+            error[np.tile(rows, len(X_WB))] = braked.error
         lags = (error - motion.error).reshape(*motion.q.shape[:2], 2, 3)
         if self._R_TE is not None:
             lags[..., 0, :] = error[..., :3]
@@ -263,6 +265,7 @@ class _Check:
         values |= self._judge_speed(motion, lag, lag_angle)
         values |= self._judge_force(motion)
         values |= self._judge_steadiness(motion, float(values["largest_tempo"]))
+        values |= self._judge_pushes(motion)
         ratios = [
             f"{100 * values[name]:.0f} %"
             for name in ("largest_speed_ratio", "largest_torque_ratio")
@@ -342,7 +345,7 @@ class _Check:
 
     def _pace_remedy(self) -> str:
         """Return a text about tempo and normal force with which the check passes."""
-        if self._is_far or (self._slower is None and self._softer is None):
+        if self._is_far or not (self._slower or self._softer or self._firmer):
             return ""
         for factor in _FACTORS:
             changed, words = self._copy(), []
@@ -354,7 +357,12 @@ class _Check:
             if self._softer is not None:
                 changed.press.force = float(math.floor(factor * self._softer))
                 words.append(f"press with at most {changed.press.force:.0f} N")
-            if _Check(changed, self._skill, self._bounds).result().is_feasible:
+            elif self._firmer is not None:
+                changed.press.force = float(math.ceil(self._firmer / factor))
+                words.append(f"press with at least {changed.press.force:.0f} N")
+            check = _Check(changed, self._skill, self._bounds)
+            # The felt may not bear the normal force.
+            if not changed.inconsistency() and check.result().is_feasible:
                 self._slower = self._slower and changed.skill.tempo
                 return " and ".join(words)
         return ""
@@ -500,6 +508,21 @@ class _Check:
             )
             self._slower = min(tempo, self._tempo)
         return {"unsteady_fraction": fraction}
+
+    def _judge_pushes(self, motion: PredictedMotion) -> Values:
+        """Return how far scripted pushes lift the eraser off the board."""
+        scenario, allowed = self._scenario, self._bounds.lift
+        if not scenario.has_board:
+            return {}
+        force = float(np.max(self._force))
+        found = predict_lifts(scenario, motion, force=force, allowed=allowed)
+        if found.lift > allowed:
+            self._firmer = found.withstanding
+            self._faults.append(
+                f"a push of {found.push:.0f} N lifts the eraser by {100 * found.lift:.0f} cm "
+                f"off the board; {math.ceil(self._firmer)} N withstand it"
+            )
+        return {"push_deviation": found.lift}
 
     def _friction_lag(self) -> float:
         """Return the lag of the eraser by friction per newton of normal force, m/N."""
