@@ -66,9 +66,9 @@ class FollowingBounds:
         of them the whole motion.
     unsteady : float
         Fraction of the samples at which braked joints may change the normal force by more
-        than its tolerance. In runs the force, which friction and the felt disturb as well,
-        was outside it for 5 % and more of the time where 0.014 or more had been predicted, and
-        for 2 % and less where 0.009 had been.
+        than its tolerance. Friction and the felt disturb it as well: of seven runs with 0.014
+        and more five were outside it for 5 to 18 % of the time, and all four with less than
+        0.01 for at most 2.4 %.
     lift : float
         Of the eraser off the board by a push, m: 9 cm alone are 10 mm rms in a run of 30 s.
     clearance : float
