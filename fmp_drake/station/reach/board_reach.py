@@ -66,8 +66,8 @@ class FollowingBounds:
         of them the whole motion.
     unsteady : float
         Fraction of the samples at which braked joints may change the normal force by more
-        than its tolerance. Friction and the felt disturb it as well: of ten runs with 0.014
-        and more six were outside it for 5 to 18 % of the time, and all four with less than
+        than its tolerance. Friction and the felt disturb it as well: of 11 runs with 0.014
+        and more seven were outside it for 5 to 19 % of the time, and all four with less than
         0.01 for at most 2.4 %.
     lift : float
         Of the eraser off the board by a push, m: 9 cm alone are 10 mm rms in a run of 30 s.
