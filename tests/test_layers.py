@@ -29,7 +29,6 @@ LAYERS = (
 )
 # Below all layers.
 BASE = {
-    "blas",
     "errors",
     "numeric",
     "settings",

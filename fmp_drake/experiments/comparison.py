@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from fmp_drake.numeric import Array
 from fmp_drake.plots import draw_demonstrations_in_plane
 from fmp_drake.plots.style import (
     DEMONSTRATED,
@@ -35,24 +36,20 @@ BINS = 30
 FLOOR = 1e-6
 _MARGIN = 0.15
 
-Samples = NDArray[np.float64]
+Samples = Array
 
 
-def cut(demonstrations: Sequence[Demonstration], *, stride: int) -> NDArray[np.float64]:
+def cut(demonstrations: Sequence[Demonstration], *, stride: int) -> Array:
     """Return the windows of demonstrations, (N, T, D)."""
     return as_windows(demonstrations, n_steps=N_STEPS, stride=stride, rate=RATE).values
 
 
-def play(
-    skill: FourierMovementPrimitive, starts: ArrayLike, duration: float
-) -> NDArray[np.float64]:
+def play(skill: FourierMovementPrimitive, starts: ArrayLike, duration: float) -> Array:
     """Return the paths that Algorithm 2 plays from starts (S, D), (S, ticks, D)."""
     return Player(skill).rollout(np.atleast_2d(starts), duration)[:, :, 0]
 
 
-def heatmap(
-    trajectories: ArrayLike, *, bins: int, extent: ArrayLike
-) -> NDArray[np.float64]:
+def heatmap(trajectories: ArrayLike, *, bins: int, extent: ArrayLike) -> Array:
     """Return the fraction of samples in each cell of a grid (Fig. 8 of the paper).
 
     Parameters
@@ -74,7 +71,7 @@ def heatmap(
     box = np.asarray(extent, dtype=float)
     points = np.clip(values.reshape(-1, values.shape[-1])[:, :2], *box.T)
     x, y = points.T
-    counts: NDArray[np.float64] = np.histogram2d(x, y, bins=bins, range=box)[0]
+    counts: Array = np.histogram2d(x, y, bins=bins, range=box)[0]
     return counts / len(points)
 
 
@@ -97,7 +94,7 @@ def kl_divergence(p: ArrayLike, q: ArrayLike, *, floor: float) -> float:
     return float(np.sum(a * np.log(a / b)))
 
 
-def grid_extent(demonstrated: Samples) -> NDArray[np.float64]:
+def grid_extent(demonstrated: Samples) -> Array:
     """Return the box of the first two channels, 15 % wider on every side, (2, 2)."""
     flat = demonstrated.reshape(-1, demonstrated.shape[-1])[:, :2]
     low, high = flat.min(axis=0), flat.max(axis=0)
@@ -109,7 +106,7 @@ def divergences(
     learned: Samples,
     demonstrated: Samples,
     *,
-    extent: NDArray[np.float64],
+    extent: Array,
     bins: int = BINS,
     floor: float = FLOOR,
 ) -> tuple[float, float]:
@@ -119,9 +116,7 @@ def divergences(
     return kl_divergence(p, q, floor=floor), kl_divergence(q, p, floor=floor)
 
 
-def draw_grids(
-    samples: Mapping[str, Samples], *, extent: NDArray[np.float64]
-) -> Figure:
+def draw_grids(samples: Mapping[str, Samples], *, extent: Array) -> Figure:
     """Draw heatmaps of several sets of trajectories with one colour scale."""
     columns = min(4, len(samples))
     rows = -(-len(samples) // columns)
@@ -146,7 +141,7 @@ def draw_grids(
 
 
 def draw_paths(
-    recording: Demonstration, paths: Mapping[str, NDArray[np.float64]], *, rows: int = 1
+    recording: Demonstration, paths: Mapping[str, Array], *, rows: int = 1
 ) -> Figure:
     """Draw paths (ticks, D) side by side, each over the demonstration in grey.
 
@@ -178,15 +173,13 @@ def draw_paths(
     return figure
 
 
-def path_distances(
-    recording: Demonstration, trajectories: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def path_distances(recording: Demonstration, trajectories: Array) -> Array:
     """Return the distances of samples (..., D) to the nearest one of a recording, (...)."""
-    out: NDArray[np.float64] = cKDTree(recording.values).query(trajectories)[0]
+    out: Array = cKDTree(recording.values).query(trajectories)[0]
     return out
 
 
-def rms_jerk(trajectories: NDArray[np.float64], rate: float) -> float:
+def rms_jerk(trajectories: Array, rate: float) -> float:
     """Return the rms jerk of trajectories (..., ticks, D), in units per s^3."""
     third = np.diff(trajectories, n=3, axis=-2) * rate**3
     return float(np.sqrt(np.mean(np.sum(third**2, axis=-1))))

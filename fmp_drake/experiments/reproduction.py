@@ -6,7 +6,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.experiments.baselines.method import RATE
 from fmp_drake.experiments.benchmark.built_in import ABLATIONS, FMP, MixtureFMP
@@ -28,6 +27,7 @@ from fmp_drake.experiments.comparison import (
 )
 from fmp_drake.experiments.report import Finding, Profile, Section
 from fmp_drake.experiments.section_v import eight, polishing
+from fmp_drake.numeric import Array
 from fmp_drake.primitives import (
     PAPER_SETTINGS,
     Demonstration,
@@ -128,7 +128,7 @@ def wiping(demonstration: Demonstration, profile: Profile) -> list[Finding]:
     ]
 
 
-def _visited_cells(path: NDArray[np.float64]) -> int:
+def _visited_cells(path: Array) -> int:
     """Return the number of 5 mm cells in the plane that a path (ticks, D) visits."""
     ticks = np.arange(len(path))
     fine = np.linspace(0, len(path) - 1, 20 * len(path))

@@ -2,7 +2,6 @@
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from fmp_drake.experiments.baselines.promp import AlignedProMP, ProMP
 from fmp_drake.experiments.comparison import (
@@ -23,6 +22,7 @@ from fmp_drake.experiments.comparison import (
     rms_jerk,
 )
 from fmp_drake.experiments.report import Finding, Profile
+from fmp_drake.numeric import Array
 from fmp_drake.plots import draw_demonstrations_in_plane
 from fmp_drake.plots.demonstrations import (
     draw_demonstrations_over_time,
@@ -43,7 +43,7 @@ _SECONDS = 12.0
 # Cells along each axis, and floors, of the sensitivity study.
 _GRIDS, _FLOORS = (10, 20, 30, 40, 60, 80, 100), (1e-8, 1e-6, 1e-4)
 
-Samples = dict[str, NDArray[np.float64]]
+Samples = dict[str, Array]
 MULT = "ProMP-VM-Mult"
 MULT_OWN = f"{MULT}, own frequency, M = 80"
 FMP = "FMP"
@@ -90,13 +90,13 @@ def _polishing_demonstrations(
     )
 
 
-def _last_period(paths: NDArray[np.float64]) -> NDArray[np.float64]:
+def _last_period(paths: Array) -> Array:
     """Return the last 2 s of paths (..., ticks, D)."""
     return paths[..., -round(2 * RATE) :, :]
 
 
 def _polishing_from_starts(
-    played: NDArray[np.float64],
+    played: Array,
     recording: Demonstration,
 ) -> Finding:
     paths = dict(zip(("interpolation", "extrapolation"), played, strict=True))
@@ -115,9 +115,7 @@ def _polishing_from_starts(
     )
 
 
-def _promp_heatmaps(
-    aligned: AlignedProMP, windows: NDArray[np.float64], profile: Profile
-) -> Finding:
+def _promp_heatmaps(aligned: AlignedProMP, windows: Array, profile: Profile) -> Finding:
     extent = grid_extent(windows)
     models = {
         "aligned, one period (5a)": aligned.model_,
@@ -147,9 +145,9 @@ def _promp_heatmaps(
 
 def _promp_conditioned(
     aligned: AlignedProMP,
-    windows: NDArray[np.float64],
-    inside: NDArray[np.float64],
-    outside: NDArray[np.float64],
+    windows: Array,
+    inside: Array,
+    outside: Array,
     recording: Demonstration,
 ) -> Finding:
     mixture = ProMP(frequencies=(_FREQUENCY,), n_components=10).fit(windows)
@@ -222,9 +220,7 @@ def learn_and_sample(
     }
 
 
-def table_one(
-    samples: Samples, demonstrated: NDArray[np.float64]
-) -> dict[str, dict[str, float]]:
+def table_one(samples: Samples, demonstrated: Array) -> dict[str, dict[str, float]]:
     """Return the divergences of Table I: method to forward_kl and reverse_kl."""
     extent = grid_extent(demonstrated)
     table = {}
@@ -266,7 +262,7 @@ def _samples(samples: Samples, recording: Demonstration) -> Finding:
 
 def _heatmaps(
     samples: Samples,
-    demonstrated: NDArray[np.float64],
+    demonstrated: Array,
     table: dict[str, dict[str, float]],
 ) -> Finding:
     extent = grid_extent(demonstrated)
@@ -311,7 +307,7 @@ def _table(table: dict[str, dict[str, float]]) -> Finding:
     )
 
 
-def _sensitivity(samples: Samples, demonstrated: NDArray[np.float64]) -> Finding:
+def _sensitivity(samples: Samples, demonstrated: Array) -> Finding:
     extent = grid_extent(demonstrated)
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
@@ -357,7 +353,7 @@ def _sensitivity(samples: Samples, demonstrated: NDArray[np.float64]) -> Finding
 
 def _eight_from_starts(
     skill: FourierMovementPrimitive,
-    starts: NDArray[np.float64],
+    starts: Array,
     recording: Demonstration,
 ) -> Finding:
     played = play(skill, starts, 12.0)

@@ -18,7 +18,7 @@ from fmp_drake.film.scene import (
     paint_ink,
     paint_trail,
 )
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import Array, check_number
 from fmp_drake.primitives.data.files import check_writable, replaced
 from fmp_drake.runs import StationRun, WipingRun
 from fmp_drake.runs.log import TemporaryArray
@@ -80,7 +80,7 @@ class FilmReel:
 
     def _clear(self) -> None:
         self._times: list[float] = []
-        self._positions: list[NDArray[np.float64]] = []
+        self._positions: list[Array] = []
         cells = 0 if self._ink is None else self._ink.size()
         self._inks = TemporaryArray((cells,), np.uint8)
 
@@ -105,12 +105,12 @@ class FilmReel:
             self._inks.append(np.rint(255 * np.clip(ink, 0, 1)).astype(np.uint8))
 
     @property
-    def times(self) -> NDArray[np.float64]:
+    def times(self) -> Array:
         """Times of the frames, shape (N,), s."""
         return np.array(self._times)
 
     @property
-    def positions(self) -> NDArray[np.float64]:
+    def positions(self) -> Array:
         """Positions of the plant, shape (N, nq)."""
         return np.array(self._positions)
 
@@ -200,7 +200,7 @@ def film_run(
     """
     times, measured = run.log_times("measured_position"), run.log("measured_position")
 
-    def trail(now: float) -> NDArray[np.float64]:
+    def trail(now: float) -> Array:
         moments = np.arange(max(now - _TRAIL_SECONDS, times[0]), now, _TRAIL_STEP)
         columns = [np.interp(moments, times, column) for column in measured.T]
         return np.stack(columns, axis=1)
@@ -250,7 +250,7 @@ def render_film(
     size: tuple[int, int],
     grid: InkGrid | None = None,
     captions: Sequence[str] | None = None,
-    trail: Callable[[float], NDArray[np.float64]] | None = None,
+    trail: Callable[[float], Array] | None = None,
     track: Callable[[Sequence[int]], Iterable[int]] = iter,
 ) -> None:
     """Render a film of a station without a screen; an existing file is replaced.

@@ -29,6 +29,7 @@ from pydrake.systems.sensors import CameraInfo
 from scipy.ndimage import map_coordinates
 
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.station.page import FIELD_OF_VIEW, CameraAxes, RenderLights
 from fmp_drake.station.scenario_parts import CameraConfig
 from fmp_drake.systems import InkGrid
@@ -84,7 +85,7 @@ class Shot(NamedTuple):
     X_CB: RigidTransform
     info: CameraInfo
 
-    def points(self) -> NDArray[np.float64]:
+    def points(self) -> Array:
         """Return the visible points p_B, those of finite depth, shape (N, 3), m."""
         rows, columns = np.nonzero(np.isfinite(self.depth))
         depth = self.depth[rows, columns].astype(float)
@@ -94,7 +95,7 @@ class Shot(NamedTuple):
         p_C = depth * np.stack([x, y, np.ones_like(x)])
         return (self.X_CB.inverse() @ p_C).T.copy()
 
-    def pixels(self, p_B: ArrayLike) -> NDArray[np.float64]:
+    def pixels(self, p_B: ArrayLike) -> Array:
         """Return column and row of points p_B (N, 3) in the picture, shape (N, 2).
 
         Points behind the camera are omitted.
@@ -161,7 +162,7 @@ class FilmScene:
         )
 
 
-def paint_ink(shot: Shot, grid: InkGrid, ink: ArrayLike) -> NDArray[np.bool_]:
+def paint_ink(shot: Shot, grid: InkGrid, ink: ArrayLike) -> Mask:
     """Paint ink into a shot's colours, in place.
 
     Parameters
@@ -196,9 +197,9 @@ def paint_ink(shot: Shot, grid: InkGrid, ink: ArrayLike) -> NDArray[np.bool_]:
 
 def paint_trail(
     color: NDArray[np.uint8],
-    pixels: NDArray[np.float64],
+    pixels: Array,
     *,
-    where: NDArray[np.bool_],
+    where: Mask,
 ) -> None:
     """Draw a line into a picture, in place, fading towards its start.
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from fmp_drake.numeric import Array
 from fmp_drake.plots.style import (
     DEMONSTRATED,
     Channels,
@@ -117,9 +117,7 @@ def draw_windows_in_plane(
     return panel.finish(title)
 
 
-def _windows(
-    skill: FourierMovementPrimitive, demonstrations: Demonstrations
-) -> NDArray[np.float64]:
+def _windows(skill: FourierMovementPrimitive, demonstrations: Demonstrations) -> Array:
     """Return the windows (N, T, D) from which a skill would be learned."""
     recordings = demonstration_list(demonstrations, "a picture")
     Channels.of_skill(skill).check(recordings)
@@ -174,7 +172,7 @@ def draw_spectra(
     return finish_times(axes, labels, title=title, xlabel="frequency (Hz)")
 
 
-def _harmonic_count(amplitudes: NDArray[np.float64]) -> int:
+def _harmonic_count(amplitudes: Array) -> int:
     """Return the number of harmonics with 99 % of the power of every channel."""
     power = np.mean(amplitudes**2, axis=0)
     total = np.maximum(np.sum(power, axis=0), 1e-300)

@@ -8,12 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.patches import Rectangle
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 from scipy.stats import chi2
 
 from fmp_drake.errors import RunError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import Array, check_number
 from fmp_drake.plots.style import (
     DENSITY_MAP,
     PLAYED,
@@ -103,9 +103,9 @@ def draw_component_over_time(
 
 def draw_band(
     ax: Axes,
-    time: NDArray[np.float64],
-    mean: NDArray[np.float64],
-    variance: NDArray[np.float64],
+    time: Array,
+    mean: Array,
+    variance: Array,
     color: str,
 ) -> None:
     """Draw a band of 2 standard deviations about a mean over time, each (N,)."""
@@ -177,9 +177,7 @@ def draw_component_in_plane(
     )
 
 
-def _moments(
-    skill: FourierMovementPrimitive, component: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _moments(skill: FourierMovementPrimitive, component: int) -> tuple[Array, Array]:
     """Return mean (T, D) and covariance (T, D, D) of a component at every step."""
     mean = skill.synthesize(skill.components_[component].mean)
     covariances = [skill.covariance(component, t) for t in range(skill.n_steps)]
@@ -241,10 +239,10 @@ def draw_heatmaps(
 
 
 def density(
-    paths: Sequence[NDArray[np.float64]],
-    steps: Sequence[NDArray[np.float64]],
-    edges: Sequence[NDArray[np.float64]],
-) -> NDArray[np.float64]:
+    paths: Sequence[Array],
+    steps: Sequence[Array],
+    edges: Sequence[Array],
+) -> Array:
     """Return the density of positions over the cells of a grid.
 
     Parameters
@@ -263,13 +261,11 @@ def density(
     weights = np.repeat(np.concatenate(steps), _SUBSTEPS)
     counts, *_ = np.histogram2d(points[:, 0], points[:, 1], bins=edges, weights=weights)
     area = np.diff(edges[0])[0] * np.diff(edges[1])[0]
-    result: NDArray[np.float64] = counts / (np.sum(weights) * area)
+    result: Array = counts / (np.sum(weights) * area)
     return result
 
 
-def grid_edges(
-    points: NDArray[np.float64], *, square: bool
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def grid_edges(points: Array, *, square: bool) -> tuple[Array, Array]:
     """Return the edges of the cells of a grid around points (N, 2), with a small margin.
 
     There are 60 cells along both sides, or square cells with 60 along the longer side.
@@ -283,7 +279,7 @@ def grid_edges(
     return rows, columns
 
 
-def _interpolate(path: NDArray[np.float64]) -> NDArray[np.float64]:
+def _interpolate(path: Array) -> Array:
     """Return interpolated points of a path (N, D), `_SUBSTEPS` for each step: (.., D)."""
     ratio = (np.arange(_SUBSTEPS) / _SUBSTEPS)[:, None]
     points = path[:-1, None] * (1 - ratio) + path[1:, None] * ratio
@@ -451,9 +447,7 @@ def _play(player: Player, start: ArrayLike, duration: float) -> list[PlaybackSta
     return states
 
 
-def _draw_strip(
-    ax: Axes, states: Sequence[PlaybackState], ends: NDArray[np.float64]
-) -> None:
+def _draw_strip(ax: Axes, states: Sequence[PlaybackState], ends: Array) -> None:
     """Draw a coloured, numbered box for each window."""
     components: dict[int, int] = {}
     for state in states:

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from drake import lcmt_panda_command, lcmt_panda_status
-from numpy.typing import NDArray
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import Array
 from fmp_drake.runs.log import Samples
 from fmp_drake.runs.metrics import ForceMetrics, Metrics, ink_metrics
 from fmp_drake.runs.real_time import WallClock, age_metrics, uninterrupted
@@ -26,7 +26,6 @@ from fmp_drake.systems.erase_times import EraseTimes
 from fmp_drake.systems.panda.arm_status import JOINTS, decode
 from fmp_drake.systems.panda.gate import limited_change
 
-Array = NDArray[np.float64]
 PERIOD = 0.001
 DAMPING = (37.5, 50.0, 37.5, 25.0, 5.0, 3.75, 2.5)
 """Damping of the joints without a command, Nm s/rad; that of drake-franka-driver."""
@@ -170,7 +169,7 @@ class ArmBench:
         arm: LcmPanda | None = None,
         faults: NetworkFaults | None = None,
         hand: TeachingHand | None = None,
-        demonstrated: Sequence[NDArray[np.float64]] = (),
+        demonstrated: Sequence[Array] = (),
     ) -> None:
         self._lcm = lcm
         self._channels = arm or LcmPanda()
@@ -226,7 +225,7 @@ class ArmBench:
         builder: DiagramBuilder,
         scene: BoardScene,
         scenario: Scenario,
-        demonstrated: Sequence[NDArray[np.float64]],
+        demonstrated: Sequence[Array],
     ) -> None:
         ink = AddInk(builder, scene)
         self._grid, self._initial_ink = ink.grid, ink.initial_ink

@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from drake import lcmt_panda_status
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.lcm import LcmSubscriberSystem
 
 import fmp_drake
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import Array
 from fmp_drake.primitives import Demonstration
 from fmp_drake.runs.guided_demonstrations import guided_demonstrations
 from fmp_drake.runs.real_time import WallClock
@@ -30,8 +30,6 @@ from fmp_drake.systems.panda.arm_status import (
     read_status,
     track_status,
 )
-
-Array = NDArray[np.float64]
 
 # Duration of a check, s, and its smallest rate of messages, 1/s.
 _CHECK_SECONDS, _MIN_RATE = 1.0, 900.0

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fmp_drake.numeric import Array
 from fmp_drake.runs.log import Chunk
 from fmp_drake.systems import StatusFlag
 from fmp_drake.systems.impedance.controller_status import CONDITIONS, STOP_REASONS
@@ -76,7 +77,7 @@ class Occurrences:
         self._longest = (0.0, -1.0)
         self._count = 0
 
-    def update(self, times: NDArray[np.float64], magnitude: NDArray[Any]) -> None:
+    def update(self, times: Array, magnitude: NDArray[Any]) -> None:
         """Add samples; the fault is present where the magnitude is above 0."""
         if not len(times):
             return

@@ -3,15 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.numeric import as_floats
+from fmp_drake.numeric import Array, as_floats
 from fmp_drake.primitives import Demonstration, add_orientation
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
-
-Array = NDArray[np.float64]
 
 # Speed below which a hand is at rest, m/s, and samples on both sides for its average.
 _REST_SPEED, _REST_SAMPLES = 0.02, 2

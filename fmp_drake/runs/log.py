@@ -33,6 +33,7 @@ from pydrake.systems.primitives import VectorLogSink
 
 from fmp_drake import __version__
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import Array
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
 from fmp_drake.primitives.data.files import Blocks, FileFormat
 
@@ -47,7 +48,7 @@ FORMAT = FileFormat(
 # Size of a block of a `TemporaryArray`.
 _BLOCK_BYTES = 1 << 20
 
-type Rows = NDArray[np.float64] | Blocks
+type Rows = Array | Blocks
 
 type Chunk = Mapping[str, Samples]
 
@@ -55,8 +56,8 @@ type Chunk = Mapping[str, Samples]
 class Samples(NamedTuple):
     """Logged samples of one signal: times (N,) in s and values (N, columns)."""
 
-    times: NDArray[np.float64]
-    values: NDArray[np.float64]
+    times: Array
+    values: Array
 
 
 class SignalKind(NamedTuple):
@@ -230,8 +231,8 @@ class Signal:
     (2, 1)
     """
 
-    times: NDArray[np.float64]
-    values: NDArray[np.float64]
+    times: Array
+    values: Array
     unit: str = "1"
     frame: str = ""
     meaning: str = ""

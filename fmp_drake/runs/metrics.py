@@ -8,8 +8,8 @@ from math import ceil
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.runs.events import Occurrences, RunEvent, RunEvents
@@ -89,7 +89,7 @@ class _ErrorStatistics:
         self.count = 0
         self.largest = 0.0
 
-    def update(self, squares: NDArray[np.float64]) -> None:
+    def update(self, squares: Array) -> None:
         """Add squares of errors, shape (N,)."""
         self._sum += float(np.sum(squares))
         self.count += len(squares)
@@ -188,7 +188,7 @@ class TrackingMetrics:
         self._error, self._error_on_board = _ErrorStatistics(), _ErrorStatistics()
         self._jump = 0.0
         self._desired = self._touching = 0
-        self._last: NDArray[np.float64] = np.zeros((0, 7))
+        self._last: Array = np.zeros((0, 7))
         self._force = Samples(np.array([-np.inf]), np.zeros((1, 1)))
 
     def update(self, chunk: Chunk) -> None:
@@ -207,7 +207,7 @@ class TrackingMetrics:
         self._jump = float(np.max(jumps, initial=self._jump))
         self._last = rows[-1:]
 
-    def _in_contact(self, desired: Samples, force: Samples) -> NDArray[np.bool_]:
+    def _in_contact(self, desired: Samples, force: Samples) -> Mask:
         """Return whether the eraser is in desired contact, from the latest force."""
         pairs = zip(self._force, force, strict=True)
         times, forces = (np.concatenate(pair) for pair in pairs)
@@ -326,7 +326,7 @@ class LimitMetrics:
         self._margin = np.inf
         self._faults = self._samples = self._touches = self._stops = 0
         self._depth = 0.0
-        self._last: NDArray[np.float64] = np.zeros((0, len(limits.speed)))
+        self._last: Array = np.zeros((0, len(limits.speed)))
 
     def update(self, chunk: Chunk) -> None:
         """Add samples of the arm's state, the torques and the controller's status."""
@@ -437,10 +437,10 @@ class RunMetrics:
 
 def ink_metrics(
     *,
-    ink: NDArray[np.float64],
-    initial_ink: NDArray[np.float64],
-    erase_time: NDArray[np.float64],
-    area: NDArray[np.bool_],
+    ink: Array,
+    initial_ink: Array,
+    erase_time: Array,
+    area: Mask,
     grid: InkGrid,
     seconds: float,
 ) -> Metrics:

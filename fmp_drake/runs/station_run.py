@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
@@ -15,6 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs.events import RunEvent
 from fmp_drake.runs.log import (
@@ -224,7 +225,7 @@ class StationRun:
         """Add samples to the metrics and events."""
         self._metrics.update(chunk)
 
-    def log(self, name: str) -> NDArray[np.float64]:
+    def log(self, name: str) -> Array:
         """Return the values of a kept signal, shape (samples, size), read only."""
         self._collect()
         try:
@@ -235,7 +236,7 @@ class StationRun:
                 f"{', '.join(sorted(self.kept)) or 'none'}."
             ) from None
 
-    def log_times(self, name: str) -> NDArray[np.float64]:
+    def log_times(self, name: str) -> Array:
         """Return the times of the values of a kept signal, shape (samples,), s."""
         self.log(name)  # Raises an error for a signal that was not kept.
         return self._times[signal_kind(name).period].array()
@@ -259,7 +260,7 @@ class StationRun:
         """Return the events up to the last whole second, without new samples."""
         return self._metrics.events()
 
-    def output(self, name: str) -> NDArray[np.float64]:
+    def output(self, name: str) -> Array:
         """Return the current value of an output port of the station."""
         context = self.station.GetMyContextFromRoot(self.simulator.get_context())
         value: Any = self.station.GetOutputPort(name).Eval(context)
@@ -297,7 +298,7 @@ class StationRun:
             ),
         )
 
-    def _final_signals(self) -> dict[str, NDArray[np.float64]]:
+    def _final_signals(self) -> dict[str, Array]:
         """Return the signals of a log that are available only at the end of the run."""
         return {}
 
@@ -340,7 +341,7 @@ class StationRun:
     def _finish_recording(self, meshcat: Meshcat) -> None:
         """Add to a recording the drawings that Meshcat does not record."""
 
-    def _replay_series(self) -> dict[str, NDArray[np.float64]]:
+    def _replay_series(self) -> dict[str, Array]:
         """Return the time, s, and the other numbers of the panel over time."""
         return {"time": self.log_times("measured_position")[::20]}
 
@@ -438,29 +439,29 @@ class WipingRun(StationRun):
             **other_metrics,
         }
 
-    def ink(self) -> NDArray[np.float64]:
+    def ink(self) -> Array:
         """Return the remaining ink, shape (ny, nx)."""
         return self.output("ink").reshape(self.grid.shape)
 
-    def erase_time(self) -> NDArray[np.float64]:
+    def erase_time(self) -> Array:
         """Return the time at which each cell became clean, (ny, nx), s; `inf` for none."""
         context = self._erase_times.GetMyContextFromRoot(self.simulator.get_context())
         times: Any = self._erase_times.get_output_port().Eval(context)
         return np.array(times).reshape(self.grid.shape)
 
     @cached_property
-    def demonstrated_area(self) -> NDArray[np.bool_]:
+    def demonstrated_area(self) -> Mask:
         """Cells below the demonstrated paths of the eraser, shape (ny, nx)."""
         x, y = self.scenario.eraser.footprint
         paths = [path[:, self.roles.position] for path in self.demonstrated]
         return self.grid.swept_by(paths, (x, y))
 
-    def cleaned_by(self, times: ArrayLike) -> NDArray[np.float64]:
+    def cleaned_by(self, times: ArrayLike) -> Array:
         """Return the clean fraction of the demonstrated area with ink at times (N,), s."""
         area = self.demonstrated_area & (self.initial_ink >= CLEAN_BELOW)
         return cleaned_history(self.erase_time(), area, times)
 
-    def _final_signals(self) -> dict[str, NDArray[np.float64]]:
+    def _final_signals(self) -> dict[str, Array]:
         return {"ink": self.ink(), "erase_time": self.erase_time()}
 
     def _finish_recording(self, meshcat: Meshcat) -> None:
@@ -474,7 +475,7 @@ class WipingRun(StationRun):
                 path=INK,
             )
 
-    def _replay_series(self) -> dict[str, NDArray[np.float64]]:
+    def _replay_series(self) -> dict[str, Array]:
         times = self._ink_times.array()
         force = np.interp(
             times, self.log_times("normal_force"), self.log("normal_force")[:, 0]

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import FmpError, RunError
+from fmp_drake.numeric import Array
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, save_skill
 from fmp_drake.primitives.data.files import keep_earlier_files, numbered
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
@@ -192,7 +192,7 @@ class TeachingSession:
             ),
         )
 
-    def _has_rotation(self, samples: NDArray[np.float64]) -> bool:
+    def _has_rotation(self, samples: Array) -> bool:
         """Return whether the tool rotates, as in the earlier demonstrations, if any."""
         if self._earlier:
             return self._earlier[0].rotation_reference is not None
@@ -360,7 +360,7 @@ class TeachingSession:
         total = sum(length for length in lengths if length >= window)
         return max(0.0, _MIN_WINDOWS * window - max([total, *lengths]))
 
-    def _teach(self, q: NDArray[np.float64] | None) -> None:
+    def _teach(self, q: Array | None) -> None:
         if self._run is not None:
             self._run.remove_controls()
         station = MakeStation(self._scenario, self._hand, q=q, meshcat=self._meshcat)
@@ -405,7 +405,7 @@ class TeachingSession:
 
     # Outputs --------------------------------------------------------------------------
 
-    def _output(self, name: str) -> NDArray[np.float64]:
+    def _output(self, name: str) -> Array:
         """Return the value of an output port of the station or of its mouse."""
         root = self._simulator.get_context()
         station: Any = self._station
@@ -416,7 +416,7 @@ class TeachingSession:
         context = station.GetMyContextFromRoot(root)
         return np.array(station.GetOutputPort(name).Eval(context))
 
-    def _joint_angles(self) -> NDArray[np.float64]:
+    def _joint_angles(self) -> Array:
         state = self._output("state")
         return state[: len(state) // 2]
 
@@ -429,7 +429,7 @@ class TeachingSession:
         if len(samples) > _CHUNK or not is_guided:
             self._drawn = len(self._samples) - 1
 
-    def _draw_path(self, name: str, points: NDArray[np.float64]) -> None:
+    def _draw_path(self, name: str, points: Array) -> None:
         if self._meshcat is not None:
             path = f"{BOARD}/taught/{name}"
             draw_rod(self._meshcat, path, points, radius=0.0025, color=TRAIL_COLOR)

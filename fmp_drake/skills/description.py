@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from itertools import groupby
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError
+from fmp_drake.numeric import Array
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
@@ -144,7 +144,7 @@ def _rounded(value: float) -> str:
     return f"{round(value, 2) + 0.0:.2f}"
 
 
-def _percent(values: NDArray[np.float64]) -> str:
+def _percent(values: Array) -> str:
     return f"{100 * values.min():.0f} to {100 * values.max():.0f} %"
 
 

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import DemonstrationError, RunError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import Array, check_number
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
@@ -212,7 +211,7 @@ def _without_tremor(recording: Demonstration, rate: float) -> list[Demonstration
     return parts
 
 
-def _scales_by_position(demonstrations: Sequence[Demonstration]) -> NDArray[np.float64]:
+def _scales_by_position(demonstrations: Sequence[Demonstration]) -> Array:
     """Return scales of channels (D,), eight times as large except for x, y and z."""
     first = demonstrations[0]
     values = np.concatenate([d.values for d in demonstrations])

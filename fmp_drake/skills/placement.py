@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import Array, check_number
 from fmp_drake.primitives import Demonstration, ReadingOptions, read_demonstrations
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
@@ -70,8 +70,8 @@ class Placement:
     array([0. , 0. , 0.1])
     """
 
-    rotation: NDArray[np.float64]
-    translation: NDArray[np.float64]
+    rotation: Array
+    translation: Array
     scale: float = 1.0
     touch: float = 0.0
     touching: float = 0.0
@@ -161,8 +161,8 @@ def fit_placement(demonstration: Demonstration, *, usable: ArrayLike) -> Placeme
 
 
 def _longest_plane(
-    points: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    points: Array,
+) -> tuple[Array, Array]:
     """Return a point of the plane that most samples touch, and its normal.
 
     Planes through three samples are tried (RANSAC, from a fixed seed); samples

@@ -4,16 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import Surface
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SHAPES = ("plane", "cylinder", "dome", "bowl")
 """Shapes of a surface, the simpler first."""

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives import Demonstration, find_rhythm
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
@@ -26,9 +26,6 @@ from fmp_drake.skills.surface_fit import FittedSurface, fit_surface
 from fmp_drake.station import Scenario
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.systems.surface import surface as surfaces
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 EXTRA_CHANNELS = ("orientation", "force")
 """Names of the channels that are placed beside the position."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.geometry import (
     LightParameter,
     Meshcat,
@@ -17,7 +17,7 @@ from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import finite_array
+from fmp_drake.numeric import Array, finite_array
 from fmp_drake.station.board_scene import AddBoardScene, BoardScene
 from fmp_drake.station.external_forces import AddMousePull
 from fmp_drake.station.scenario import Scenario
@@ -119,7 +119,7 @@ def AddPage(
     measured: Measurements,
     driver: System,
     meshcat: Meshcat,
-    demonstrated: Sequence[NDArray[np.float64]],
+    demonstrated: Sequence[Array],
 ) -> tuple[PageControls | None, OutputPort | None]:
     """Show the items of a station that the scenario's `show` enables.
 
@@ -208,7 +208,7 @@ def _AddPaths(
     scene: BoardScene,
     playback: Playback,
     meshcat: Meshcat,
-    demonstrated: Sequence[NDArray[np.float64]],
+    demonstrated: Sequence[Array],
 ) -> None:
     """Show demonstrated paths, the measured one and the plan.
 

@@ -14,12 +14,11 @@ from typing import Any, get_args
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 from pydrake.common.yaml import yaml_load_typed
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import shown
+from fmp_drake.numeric import Array, shown
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.settings import bounded, check_yaml
 from fmp_drake.systems.operational_space_impedance_controller import ENGAGE_HEIGHT
@@ -187,7 +186,7 @@ class BoardConfig:
         """Return X_WB, at the middle of the rail."""
         return self.assumed_pose() @ self.error.transform()
 
-    def rail_axis(self) -> NDArray[np.float64]:
+    def rail_axis(self) -> Array:
         """Return the direction of the rail in B, a unit vector."""
         axis = np.array(self.motion.axis)
         return axis / np.linalg.norm(axis)

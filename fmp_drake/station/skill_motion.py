@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
 from pydrake.systems.primitives import (
     Adder,
@@ -16,6 +15,7 @@ from pydrake.systems.primitives import (
 )
 
 from fmp_drake.errors import SkillError, StationError
+from fmp_drake.numeric import Mask
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.primitives.data.channels import ChannelRoles, channel_roles
 from fmp_drake.station.board_scene import BoardScene
@@ -61,7 +61,7 @@ class Playback:
 
 def ChoiceByInk(
     scenario: Scenario, skill: FourierMovementPrimitive
-) -> tuple[CoverageChoice | None, NDArray[np.bool_] | None]:
+) -> tuple[CoverageChoice | None, Mask | None]:
     """Return the choice of samples by the ink, if there is one, and the area to clean.
 
     Parameters

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RotationMatrix
@@ -12,6 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, Syste
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import Array
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.station.arm_controller import AddArmController
@@ -56,7 +57,7 @@ def MakeStation(
     seed: int | None = None,
     meshcat: Meshcat | None = None,
     panel: PagePanel | None = None,
-    demonstrated: Sequence[NDArray[np.float64]] = (),
+    demonstrated: Sequence[Array] = (),
 ) -> Diagram:
     """Build the diagram of a robot with its task and an operator: skill, hand, or input ports.
 

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from fmp_drake.errors import DemonstrationError, ExperimentError
+from fmp_drake.numeric import Array
 from fmp_drake.primitives.model.phase.period import (
     autocorrelation,
     fundamental_period,
@@ -23,7 +23,7 @@ _TEMPO_RANGE, _CANDIDATES, _UPDATES = 0.3, 41, 4
 _LONGEST_LAG, _LEAST_CORRELATION, _PEAK_FRACTION = 0.78, 0.4, 0.8
 
 
-def movement_period(recordings: Sequence[NDArray[np.float64]]) -> float:
+def movement_period(recordings: Sequence[Array]) -> float:
     """Return the period of recordings (n, D) of at least 1.4 cycles, samples.
 
     Recordings that are too short for `fundamental_period` have the period of the first
@@ -73,12 +73,12 @@ class AlignedPeriods:
     20.0
     """
 
-    values: NDArray[np.float64]
-    durations: NDArray[np.float64]
+    values: Array
+    durations: Array
 
 
 def align_periods(
-    recordings: Sequence[NDArray[np.float64]],
+    recordings: Sequence[Array],
     *,
     period: float,
     n_steps: int,
@@ -130,9 +130,7 @@ def align_periods(
     return AlignedPeriods(values=periods, durations=np.concatenate(durations))
 
 
-def _starts(
-    spline: CubicSpline, end: int, template: NDArray[np.float64], period: float
-) -> NDArray[np.float64]:
+def _starts(spline: CubicSpline, end: int, template: Array, period: float) -> Array:
     """Return the starts of the periods in a recording, samples, ascending."""
     candidates = np.linspace(0, period, 2 * _CANDIDATES, endpoint=False)
     starts = [_best_start(spline, end, template, period, candidates)]
@@ -149,9 +147,9 @@ def _starts(
 def _best_start(
     spline: CubicSpline,
     end: int,
-    template: NDArray[np.float64],
+    template: Array,
     period: float,
-    candidates: NDArray[np.float64],
+    candidates: Array,
 ) -> float:
     """Return the time between samples around which the template fits best."""
     n = len(template)

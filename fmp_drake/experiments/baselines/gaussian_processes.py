@@ -13,13 +13,13 @@ from fmp_drake.experiments.baselines.alignment import movement_period
 from fmp_drake.experiments.baselines.method import (
     HORIZON,
     PAST,
-    Array,
     Forecast,
     Method,
     diagonal,
     long_enough,
     mixture_moments,
 )
+from fmp_drake.numeric import Array
 from fmp_drake.primitives import sliding_windows
 
 # Ranges of s, l, r in periods, s_2, r_2 in periods, the noise and p in estimated periods,

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.errors import ExperimentError
+from fmp_drake.numeric import Array
 from fmp_drake.primitives.model.prediction import Prediction
 
 RATE = 20.0
@@ -19,8 +19,6 @@ HORIZON = 20
 """Samples that a method predicts: one second."""
 ENTRY_POINTS = "fmp_drake.methods"
 """Group of entry points for the methods of other packages."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,12 +9,8 @@ from scipy.signal import StateSpace, lsim, savgol_filter
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines.alignment import align_periods, movement_period
-from fmp_drake.experiments.baselines.method import (
-    Array,
-    Forecast,
-    Method,
-    long_enough,
-)
+from fmp_drake.experiments.baselines.method import Forecast, Method, long_enough
+from fmp_drake.numeric import Array
 
 # Number of kernels psi_i of a period, and the ridge of the least squares for the w_i.
 _BASES, _RIDGE = 25, 1e-6

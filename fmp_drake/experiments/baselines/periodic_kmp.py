@@ -8,12 +8,12 @@ from scipy.special import softmax
 
 from fmp_drake.experiments.baselines.alignment import align_periods, movement_period
 from fmp_drake.experiments.baselines.method import (
-    Array,
     Forecast,
     Method,
     diagonal,
     mixture_moments,
 )
+from fmp_drake.numeric import Array
 
 # Phases of the reference trajectory, and phases at which the observed samples may begin.
 _REFERENCES, _CANDIDATES = 60, 60

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp, softmax
 from sklearn.base import BaseEstimator, clone
@@ -15,12 +15,11 @@ from fmp_drake.experiments.baselines.alignment import align_periods, movement_pe
 from fmp_drake.experiments.baselines.method import (
     HORIZON,
     PAST,
-    Array,
     Forecast,
     Method,
     long_enough,
 )
-from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.numeric import Array, check_number, finite_array
 from fmp_drake.primitives.data.windows import joined_recordings, sliding_windows
 from fmp_drake.primitives.model.mixture import fit_gaussians
 from fmp_drake.primitives.model.prediction import Conditioning, Prediction
@@ -37,7 +36,7 @@ def von_mises_bases(
     frequencies: Sequence[float],
     n_bases: int = 20,
     width: float = 100.0,
-) -> NDArray[np.float64]:
+) -> Array:
     """Return normalised von Mises bases (21) of one or several frequencies, (K, B).
 
     Interpretation of (21): z_t = t / T is the time in windows, f is in cycles per window,
@@ -101,9 +100,9 @@ class MixturePosterior(NamedTuple):
         Means of the components, given the observation.
     """
 
-    log_evidence: NDArray[np.float64]
-    probabilities: NDArray[np.float64]
-    means: NDArray[np.float64]
+    log_evidence: Array
+    probabilities: Array
+    means: Array
 
 
 class ProMP(BaseEstimator):  # type: ignore[misc]
@@ -255,7 +254,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         self.covariances_ = fit.covariances
         return self
 
-    def sample(self, n: int = 1, *, seed: int = 0) -> NDArray[np.float64]:
+    def sample(self, n: int = 1, *, seed: int = 0) -> Array:
         """Draw n trajectories without observation noise, shape (n, T, D)."""
         check_is_fitted(self)
         for name, value in (("n", n), ("seed", seed)):
@@ -271,7 +270,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         weights = rng.permutation(np.concatenate(parts))
         return self.trajectory(weights, np.arange(self.n_steps_))
 
-    def condition(self, steps: ArrayLike, values: ArrayLike) -> NDArray[np.float64]:
+    def condition(self, steps: ArrayLike, values: ArrayLike) -> Array:
         """Return the expected trajectory through keypoints.
 
         Every Gaussian is conditioned; the trajectory is the mean of the component with the
@@ -365,9 +364,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         total = logsumexp(log_joint, axis=0)
         return MixturePosterior(total, np.exp(log_joint - total), np.stack(posteriors))
 
-    def trajectory(
-        self, weights: NDArray[np.float64], steps: ArrayLike
-    ) -> NDArray[np.float64]:
+    def trajectory(self, weights: Array, steps: ArrayLike) -> Array:
         """Return the values (..., K, D) of weights (..., D * B) at steps (K,)."""
         phi = self._rows(steps)
         channel_weights = weights.reshape(
@@ -375,7 +372,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
         )
         return np.swapaxes(channel_weights @ phi.T, -1, -2)
 
-    def _rows(self, steps: ArrayLike) -> NDArray[np.float64]:
+    def _rows(self, steps: ArrayLike) -> Array:
         """Return Phi at steps (K,), shape (K, B)."""
         return von_mises_bases(
             np.asarray(steps) / self.n_steps_,
@@ -384,7 +381,7 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
             width=self.width,
         )
 
-    def _observation_matrix(self, steps: ArrayLike) -> NDArray[np.float64]:
+    def _observation_matrix(self, steps: ArrayLike) -> Array:
         """Return the matrix from weights to values at steps (K,), (K * D, D * B)."""
         channels = np.eye(self.n_channels_)
         rows = np.einsum("kb,de->kdeb", self._rows(steps), channels)

@@ -12,20 +12,14 @@ from fmp_drake.experiments.baselines.gaussian_processes import (
     PeriodicGP,
     RecordingGP,
 )
-from fmp_drake.experiments.baselines.method import (
-    HORIZON,
-    PAST,
-    RATE,
-    Array,
-    Forecast,
-    Method,
-)
+from fmp_drake.experiments.baselines.method import HORIZON, PAST, RATE, Forecast, Method
 from fmp_drake.experiments.baselines.periodic_dmp import (
     AdaptiveOscillatorDMP,
     PeriodicDMP,
 )
 from fmp_drake.experiments.baselines.periodic_kmp import PeriodicKMP
 from fmp_drake.experiments.baselines.promp import AlignedProMP, WindowedProMP
+from fmp_drake.numeric import Array
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,

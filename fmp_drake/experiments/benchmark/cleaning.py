@@ -18,7 +18,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from scipy.interpolate import CubicSpline
 
 from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
-from fmp_drake.experiments.baselines.method import PAST, RATE, Array, Method
+from fmp_drake.experiments.baselines.method import PAST, RATE, Method
 from fmp_drake.experiments.benchmark.run import (
     MethodScores,
     Progress,
@@ -32,6 +32,7 @@ from fmp_drake.experiments.benchmark.splits import (
     make_movement,
     splits,
 )
+from fmp_drake.numeric import Array
 from fmp_drake.primitives import read_demonstrations
 from fmp_drake.processes import Workers
 from fmp_drake.skills.placement import place_on_board

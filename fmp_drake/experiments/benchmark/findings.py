@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from scipy.stats import wilcoxon
 
 from fmp_drake.experiments.baselines.gaussian_processes import DelayGP, PeriodicGP
-from fmp_drake.experiments.baselines.method import Array
 from fmp_drake.experiments.benchmark.built_in import FMP, ReplayMethod
 from fmp_drake.experiments.benchmark.run import STEPS, MethodScores
 from fmp_drake.experiments.benchmark.splits import ALL, CYCLES
 from fmp_drake.experiments.report import Finding, write_report
+from fmp_drake.numeric import Array
 from fmp_drake.plots.style import PLAYED, SAMPLED, label_decades, series_style
 
 _COLUMNS = (*(f"{cycles:g}" for cycles in CYCLES), ALL)

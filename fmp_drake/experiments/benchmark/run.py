@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial import KDTree
 from scipy.stats import chi2
@@ -18,13 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
 from fmp_drake.experiments.baselines.alignment import movement_period
-from fmp_drake.experiments.baselines.method import (
-    PAST,
-    RATE,
-    Array,
-    Method,
-    further_methods,
-)
+from fmp_drake.experiments.baselines.method import PAST, RATE, Method, further_methods
 from fmp_drake.experiments.benchmark.built_in import METHODS
 from fmp_drake.experiments.benchmark.splits import (
     PLACES,
@@ -34,6 +27,7 @@ from fmp_drake.experiments.benchmark.splits import (
     prediction_instants,
     splits,
 )
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives.data.files import write_text
 from fmp_drake.processes import Workers, run_tasks
 
@@ -304,11 +298,11 @@ def _variation(parts: Sequence[Array], period: float) -> float | None:
     return float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else None
 
 
-def _are_inside_ellipsoids(errors: Array, covariances: Array) -> NDArray[np.bool_]:
+def _are_inside_ellipsoids(errors: Array, covariances: Array) -> Mask:
     """Return which errors (n, D) are in the 95 % ellipsoids of covariances (n, D, D)."""
     solved = np.linalg.solve(covariances, errors[..., None])[..., 0]
     squared_distances = np.sum(errors * solved, axis=1)
-    out: NDArray[np.bool_] = squared_distances <= chi2.ppf(0.95, errors.shape[1])
+    out: Mask = squared_distances <= chi2.ppf(0.95, errors.shape[1])
     return out
 
 

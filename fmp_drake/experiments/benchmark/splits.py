@@ -7,13 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from fmp_drake.errors import DemonstrationError, FmpError
-from fmp_drake.experiments.baselines.method import (
-    HORIZON,
-    PAST,
-    RATE,
-    Array,
-    long_enough,
-)
+from fmp_drake.experiments.baselines.method import HORIZON, PAST, RATE, long_enough
+from fmp_drake.numeric import Array
 from fmp_drake.primitives import read_demonstrations, sliding_windows
 from fmp_drake.primitives.data.channels import channel_scales
 from fmp_drake.primitives.model.phase.search import search_rhythm

@@ -23,12 +23,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia, UnitInertia
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import Array
 from fmp_drake.settings import check_settings
 from fmp_drake.station.models.model_files import AddModel, Collision, Visual
 from fmp_drake.station.scenario_parts import BoardConfig
 from fmp_drake.systems.surface.surface import Surface, place, rotations
 
-Array = NDArray[np.float64]
 Faces = NDArray[np.int_]
 
 _THICKNESS = 0.02  # Of the slab, m.
@@ -131,7 +131,7 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
     )
 
 
-def BoardBox(config: BoardConfig) -> NDArray[np.float64]:
+def BoardBox(config: BoardConfig) -> Array:
     """Return the lower and the upper corner of slab and frame, shape (2, 3), m.
 
     They are in B, or (u, v, h) of a curved board, see `Surface`.

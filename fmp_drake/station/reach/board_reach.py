@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex
 
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.station.models.whiteboard import BoardBox
 from fmp_drake.station.reach.posture import SolvePosture
 from fmp_drake.station.reach.tracking_prediction import (
@@ -25,9 +25,6 @@ from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.surface.surface import PLANE, Surface, place, rotations
 from fmp_drake.systems.surface_monitor import along, clearances, moved
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # Edge of a cell of the reachable board, m, and largest number of cells along an edge.
 _CELL, _MAX_CELLS = 0.02, 40
@@ -274,7 +271,7 @@ class BoardReach:
 
     def missed(
         self, motion: PredictedMotion, *, has_rotation: bool = False
-    ) -> tuple[Flags, Flags, Flags, Array]:
+    ) -> tuple[Mask, Mask, Mask, Array]:
         """Return whether samples miss their position or orientation, or are at a limit spring.
 
         Each result has shape (B, T). The last value is the margin of each joint from its

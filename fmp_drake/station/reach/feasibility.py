@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.math import RigidTransform
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import one_blas_thread
+from fmp_drake.numeric import Array, Mask, one_blas_thread
 from fmp_drake.primitives import FourierMovementPrimitive, Player
 from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.primitives.data.orientation import rotation_vectors, rotations_of
@@ -28,8 +27,6 @@ from fmp_drake.station.scenario import ParseScenario, Scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.station.skill_motion import SkillRoles
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 type Values = dict[str, np.floating | float]
 
 # Total number of samples, range of the number of windows, and stride of the samples.
@@ -96,7 +93,7 @@ class Feasibility:
     values: dict[str, float]
     start: Array
     paths: Array
-    followed: NDArray[np.bool_]
+    followed: Mask
     posture: Array
     scenario: str
     bounds: FollowingBounds
@@ -294,7 +291,7 @@ class _Check:
         X_WB: list[RigidTransform],
         postures: Array,
         speed: Array | None = None,
-        rows: Flags | slice = np.s_[:],
+        rows: Mask | slice = np.s_[:],
     ) -> PredictedMotion:
         return self._reach.follow(
             X_WB,
@@ -367,12 +364,12 @@ class _Check:
                 return " and ".join(words)
         return ""
 
-    def _is_frequent(self, missed: Flags) -> bool:
+    def _is_frequent(self, missed: Mask) -> bool:
         return float(np.mean(missed)) > self._bounds.exceptions
 
     def _judge_reach(
         self, motion: PredictedMotion, clearance: Array, link: str, lag: float
-    ) -> tuple[Values, Flags]:
+    ) -> tuple[Values, Mask]:
         """Return the values, and the samples that are out of reach or too near the board.
 
         For poses that are out of reach for moments, the predicted errors decide. That of the

@@ -1,13 +1,11 @@
 """Prediction of the normal force on a board where joints are braked."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fmp_drake.numeric import Array
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.systems import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import JointLimits, JointWallConfig
-
-Array = NDArray[np.float64]
 
 # Stiffness of the board, N/m: far above that of the springs.
 _BOARD = 1e5

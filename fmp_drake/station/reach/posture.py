@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.inverse_kinematics import InverseKinematics
 from pydrake.multibody.plant import MultibodyPlant
@@ -11,7 +11,7 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.solvers import Solve
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import finite_array
+from fmp_drake.numeric import Array, finite_array
 from fmp_drake.station.robots.robot import Robot
 
 _POSITION_TOLERANCE = 1e-6
@@ -31,7 +31,7 @@ def SolvePosture(
     frame: Frame,
     X_WE: RigidTransform,
     q_preferred: ArrayLike,
-) -> NDArray[np.float64]:
+) -> Array:
     """Find joint angles that put a frame at a pose, near preferred ones.
 
     Where that fails, for example with the posture of a table-top arm on a ceiling, the
@@ -85,11 +85,11 @@ def SolvePosture(
 
 
 def _SolveFrom(
-    preferred: NDArray[np.float64],
+    preferred: Array,
     plant: MultibodyPlant,
     frame: Frame,
     X_WE: RigidTransform,
-) -> NDArray[np.float64] | None:
+) -> Array | None:
     """Return joint angles near preferred ones, at which the search begins, or None."""
     n = plant.num_positions()
     p = finite_array(X_WE.translation(), "the eraser's position", error=StationError)

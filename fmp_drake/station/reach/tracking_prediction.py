@@ -3,16 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.systems import ImpedanceConfig
 from fmp_drake.systems.impedance.algebra import rotation_vector
 from fmp_drake.systems.interface.arm_model import ArmModel
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # Damping of the inverse at singularities, as a multiple of the springs' compliance,
 # (rad/s)². Elsewhere the corrections leave an error of less than 0.5 mm.
@@ -196,7 +193,7 @@ def _errors(X_WE: Array, p_WE: Array, R_WE: Array) -> Array:
     return np.concatenate([rotations, p_WE - X_WE[..., 3]], axis=1)
 
 
-def _inverse(M: Array, J: Array, damping: Array, is_free: Flags | None = None) -> Array:
+def _inverse(M: Array, J: Array, damping: Array, is_free: Mask | None = None) -> Array:
     """Return the damped, dynamically consistent inverse of the Jacobian, (B, n, 6).
 
     Joints that are not free, of shape (B, n), do not move.

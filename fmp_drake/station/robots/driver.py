@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.controllers import InverseDynamics
@@ -12,6 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, PassThrough
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import Array
 from fmp_drake.settings import check_settings
 from fmp_drake.station.robots.robot import RobotConfig
 from fmp_drake.station.scenario_parts import SensorConfig
@@ -44,7 +45,7 @@ class Driver(ABC):
         builder: DiagramBuilder,
         *,
         arm: MultibodyPlant,
-        initial: NDArray[np.float64],
+        initial: Array,
         lcm: DrakeLcmInterface | None,
     ) -> None:
         """Add the driver's systems and export its ports.
@@ -79,7 +80,7 @@ class SimulatedDriver(Driver):
         builder: DiagramBuilder,
         *,
         arm: MultibodyPlant,
-        initial: NDArray[np.float64],
+        initial: Array,
         lcm: DrakeLcmInterface | None,  # noqa: ARG002
     ) -> None:
         """Add systems gravity_compensation and actuation, and sensors with a rate."""

@@ -3,16 +3,15 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.multibody.tree import JacobianWrtVariable
 from scipy.linalg import eigh
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import Array
 from fmp_drake.station.robots.robot import Robot
 from fmp_drake.systems import ImpedanceConfig
 from fmp_drake.systems.interface.arm_model import joint_limits
-
-Array = NDArray[np.float64]
 
 # Reflected inertias that are tried for the message of an error, kg m², and the estimate for
 # each joint of the iiwa and the UR5e.

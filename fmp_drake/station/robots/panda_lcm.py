@@ -4,9 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from drake import lcmt_panda_command, lcmt_panda_status
-from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.lcm import DrakeLcm, DrakeLcmInterface
 from pydrake.manipulation import PandaCommandSender
@@ -20,6 +18,7 @@ from pydrake.systems.lcm import (
 )
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import Array
 from fmp_drake.settings import bounded, check_settings, check_yaml
 from fmp_drake.station.robots.driver import Driver, SimulatedDriver
 from fmp_drake.station.robots.robot import RobotConfig
@@ -77,7 +76,7 @@ class LcmPanda(Driver):
         builder: DiagramBuilder,
         *,
         arm: MultibodyPlant,
-        initial: NDArray[np.float64],
+        initial: Array,
         lcm: DrakeLcmInterface | None,
     ) -> None:
         """Add systems bus, status, command and torque_gate."""
@@ -146,7 +145,7 @@ class TorquePublisher:
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
 
-    def __call__(self, torque: NDArray[np.float64], stamp: float) -> None:
+    def __call__(self, torque: Array, stamp: float) -> None:
         """Publish a torque (7,), Nm, stamped with a time of the wall clock, s."""
         # Drake truncates the time of the Context to microseconds.
         self._context.SetTime(stamp + 0.5e-6)

@@ -13,6 +13,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JointActuator, ModelInstanceIndex
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import Array
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import AddFmpDrakePackage, models_dir
@@ -124,7 +125,7 @@ class Robot:
     tip: Frame
 
     @property
-    def default_posture(self) -> NDArray[np.float64]:
+    def default_posture(self) -> Array:
         """Joint angles in the plant's default Context, shape (n,), rad."""
         return self.plant.GetDefaultPositions(self.arm)
 
@@ -392,8 +393,8 @@ class CollisionSpheres(NamedTuple):
     """
 
     bodies: NDArray[np.int_]
-    points: NDArray[np.float64]
-    radii: NDArray[np.float64]
+    points: Array
+    radii: Array
 
 
 def CollectCollisionSpheres(
@@ -415,7 +416,7 @@ def CollectCollisionSpheres(
     return CollisionSpheres(np.array(bodies), np.vstack(points), np.array(radii))
 
 
-def _spheres(shape: Any) -> tuple[NDArray[np.float64], float]:
+def _spheres(shape: Any) -> tuple[Array, float]:
     """Return centres, shape (N, 3), and radius of the spheres of a shape, m."""
     ends = (-0.5, 0.0, 0.5)
     if isinstance(shape, Box):

@@ -1,10 +1,10 @@
 """The task of wiping a board: its ink, its surface, and the normal force on it."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder
 
+from fmp_drake.numeric import Array
 from fmp_drake.station.arm_controller import AddNormalForceEstimator
 from fmp_drake.station.board_scene import BoardScene
 from fmp_drake.station.models.whiteboard import BoardBox
@@ -111,7 +111,7 @@ def AddInk(builder: DiagramBuilder, scene: BoardScene) -> InkBoard:
     return ink
 
 
-def _Drawing(grid: InkGrid, scene: BoardScene) -> NDArray[np.float64] | None:
+def _Drawing(grid: InkGrid, scene: BoardScene) -> Array | None:
     """Return the initial ink; None for a board full of ink."""
     scenario, ink = scene.scenario, scene.scenario.ink
     if not (ink.words or ink.picture):

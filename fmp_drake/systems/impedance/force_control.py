@@ -26,9 +26,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fmp_drake.compiled import compiled
+from fmp_drake.numeric import Array
 from fmp_drake.settings import bounded
 
 CONTACT_FORCE = 0.5
@@ -192,7 +192,7 @@ def contact_of(
     engage_height: float,
     stopped: bool,
     inputs: np.record,
-    p_TE: NDArray[np.float64],
+    p_TE: Array,
 ) -> Contact:
     """Return the desired contact of a tool.
 
