@@ -228,7 +228,7 @@ def test_push_that_lifts_the_eraser_is_refused_and_the_normal_force_helps(
     scenario.disturbances = [Disturbance(duration=0.58, force=[7.0, -11.0, 35.0])]
     found = CheckFeasibility(scenario, bundled_skill)
     assert found.values["push_deviation"] == pytest.approx(0.1, abs=0.01)
-    words = r"N withstand it. What would help: press with at least (\d+) N\."
+    words = r"N withstands it. What would help: press with at least (\d+) N\."
     scenario.press.force = float(re.search(words, found.verdict)[1])
     assert 7.0 < scenario.press.force < 12.0
     assert CheckFeasibility(scenario, bundled_skill).is_feasible

@@ -617,7 +617,11 @@ def test_a_push_that_lifts_the_eraser_is_refused_and_a_normal_force_helps(
     assert found.values["push_deviation"] == pytest.approx(lift)
     assert found.is_feasible == (remedy == "")
     if remedy:
-        force = int(re.search(r"board; (\d+) N withstand it. What", found.verdict)[1])
+        force = int(
+            re.search(
+                r"board; a normal force of (\d+) N withstands it. What", found.verdict
+            )[1]
+        )
         assert wanted < force < 14
         bound = FollowingBounds().lift
         lifts = [

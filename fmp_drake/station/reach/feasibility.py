@@ -517,7 +517,7 @@ class _Check:
             self._firmer = found.withstanding
             self._faults.append(
                 f"a push of {found.push:.0f} N lifts the eraser by {100 * found.lift:.0f} cm "
-                f"off the board; {math.ceil(self._firmer)} N withstand it"
+                f"off the board; a normal force of {math.ceil(self._firmer)} N withstands it"
             )
         return {"push_deviation": found.lift}
 
