@@ -59,7 +59,7 @@ def test_figures_of_predictions_are_those_of_the_results():
     results = (REPOSITORY / "examples/site/results.rst").read_text(encoding="utf-8")
     real, simulated = results.split("Simulated recordings\n----")
     (ratio,) = readme_claims(r"error of the next second is ([\d.]+) of")
-    assert f"the error is {ratio:g} of replay's" in real
+    assert f"the error is {ratio:.2f} of replay's" in real
     least, most = readme_claims(r"(\d+) to (\d+) % of the positions")
     row = re.search(r"\* - FMP\n(?:     - .*\n){2}     - (.*)", real)[1]
     covered = [float(figure) for figure in row.split(" / ")]
