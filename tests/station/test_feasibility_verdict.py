@@ -557,7 +557,7 @@ def test_force_of_a_skill_counts_between_none_and_its_largest_one(predicted):
     assert values["tracking_error"] == pytest.approx(values["friction_lag"])
 
 
-@pytest.mark.parametrize(("count", "is_feasible"), [(6, True), (7, False)])
+@pytest.mark.parametrize(("count", "is_feasible"), [(9, True), (10, False)])
 def test_normal_force_that_braked_joints_disturb_is_refused(
     predicted, restless_skill, monkeypatch, count, is_feasible
 ):
@@ -575,7 +575,7 @@ def test_normal_force_that_braked_joints_disturb_is_refused(
     assert found.values["unsteady_fraction"] == pytest.approx(count / COUNT)
     if not is_feasible:
         assert found.verdict == (
-            "The arm cannot follow this skill: joints are braked, and on 1.4 % of the path "
+            "The arm cannot follow this skill: joints are braked, and on 2.0 % of the path "
             "the normal force is off by more than 5 N. What would help: slow down to tempo "
             "0.80."
         )
