@@ -3,7 +3,7 @@
 import numpy as np
 
 from fmp_drake.numeric import Array
-from fmp_drake.station.reach.tracking_prediction import PredictedMotion
+from fmp_drake.station.reach.tracking_prediction import PredictedMotion, times
 from fmp_drake.systems import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import JointLimits, JointWallConfig
 
@@ -59,7 +59,7 @@ def predict_force_error(
     for k in range(v.shape[1]):
         inertia, viscous = M[:, k] / step**2, damping[:, k] / step
         A = inertia + viscous + stiffness[:, k]
-        b = _times(inertia, delta + step * speed) + _times(viscous, delta)
+        b = times(inertia, delta + step * speed) + times(viscous, delta)
         before, braked = delta, np.zeros_like(delta)
         for _ in range(_ITERATIONS):
             actual = v[:, k] - speed
@@ -124,7 +124,3 @@ def _controlled(config: ImpedanceConfig, forces: Array, step: float) -> Array:
         error = ((1 + p) * error + change) / (1 + p + step * i)
         errors.append(error)
     return np.stack(errors, axis=1)
-
-
-def _times(A: Array, x: Array) -> Array:
-    return (A @ x[..., None])[..., 0]

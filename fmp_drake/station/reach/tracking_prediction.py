@@ -133,7 +133,7 @@ class TrackingPredictor:
             i = min(max(k - _LEAD_IN - _SETTLE, 0), R_WB.shape[1] - 1)
             posture_error = _limited(q_posture - q, config.max_posture_error)
             u = (u + pull * posture_error) / (1 + brake + step * pull)
-            u -= _times(inverse, _times(J, u))
+            u -= times(inverse, times(J, u))
             least, most = lower, upper
             if speed is not None and k >= _LEAD_IN + _SETTLE:
                 least = np.maximum(lower, q - step * speed)
@@ -141,7 +141,7 @@ class TrackingPredictor:
             q = q + step * u
             for _ in range(_CORRECTIONS):
                 pose_error = _errors(self._poses(q), path[:, k], R_WE[:, i])
-                dq = _limited(_times(inverse, pose_error), _LONGEST_STEP)
+                dq = _limited(times(inverse, pose_error), _LONGEST_STEP)
                 # Other joints compensate for a joint at its limit.
                 limited = np.clip(q + dq, least, most)
                 is_free = limited == q + dq
@@ -149,10 +149,10 @@ class TrackingPredictor:
                 if np.any(rows):
                     free, J_rows = is_free[rows], J[rows]
                     fixed = np.where(free, 0.0, (limited - q)[rows])
-                    rest = pose_error[rows] - _times(J_rows, fixed)
+                    rest = pose_error[rows] - times(J_rows, fixed)
                     inverse_rows = _inverse(M[rows], J_rows, damping[rows, i], free)
                     dq[rows] = fixed + _limited(
-                        _times(inverse_rows, rest), _LONGEST_STEP
+                        times(inverse_rows, rest), _LONGEST_STEP
                     )
                 q = np.clip(q + dq, least, most)
             v, before = (q - before) / step, q
@@ -165,7 +165,7 @@ class TrackingPredictor:
         parts = zip(*samples[-p_WE.shape[1] :], strict=True)
         q, v, M, Cv, J, error, size = (np.stack(p, axis=1) for p in parts)
         v[:, :1] = v[:, 1:2]  # A window starts in the middle of a motion.
-        torque = _times(M, np.diff(v, axis=1, prepend=v[:, :1]) / step) + Cv
+        torque = times(M, np.diff(v, axis=1, prepend=v[:, :1]) / step) + Cv
         error = error.reshape(*error.shape[:2], 6)
         return PredictedMotion(q, v, torque, M, J, error, size)
 
@@ -210,5 +210,6 @@ def _limited(x: Array, longest: float) -> Array:
     return x * (longest / np.maximum(length, longest))
 
 
-def _times(A: Array, x: Array) -> Array:
+def times(A: Array, x: Array) -> Array:
+    """Return the products of matrices (..., m, n) and vectors (..., n), shape (..., m)."""
     return (A @ x[..., None])[..., 0]
