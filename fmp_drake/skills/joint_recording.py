@@ -11,7 +11,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
-from fmp_drake.primitives.data.reading.columns import NO_MEASURED_ANGLES
+from fmp_drake.primitives.data.reading.columns import JOINT, NO_MEASURED_ANGLES
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.station import LoadRobot
 from fmp_drake.station.robots.robot import (
@@ -21,10 +21,6 @@ from fmp_drake.station.robots.robot import (
 )
 from fmp_drake.station.scenario_parts import EraserConfig
 
-# Prefix, if any, and number of a joint.
-_JOINT = re.compile(
-    r"(?:(.*)_)?(?:joints?|q|j|a)[_.]?(\d)(?:[_.]pos(?:ition)?)?", re.IGNORECASE
-)
 _MARGIN = 0.05  # rad
 
 
@@ -64,7 +60,7 @@ def RobotJoints(
     )
     for channel in demonstration.channels:
         known = [n for n in config.joint_names if f"_{channel}".endswith(f"_{n}")]
-        match = _JOINT.fullmatch(channel)
+        match = JOINT.fullmatch(channel)
         if known:
             arm = arms.setdefault(channel.removesuffix(known[0]), {})
             arm[config.joint_names.index(known[0]) + 1] = channel

@@ -50,7 +50,10 @@ _POSITION = re.compile(
 _QUATERNION = re.compile(
     r"(.*?)_?(?:q|quats?|quaternions?|orientations?|rotations?|rot)_?([xyzw])"
 )
-_JOINT = re.compile(r"(|.*_)(?:joints?|q|j|a)_?(\d)(?:_pos(?:ition)?)?")
+JOINT = re.compile(
+    r"(?:(.*)_)?(?:joints?|q|j|a)[_.]?(\d)(?:[_.]pos(?:ition)?)?", re.IGNORECASE
+)
+"""Name of a joint's angle: a prefix, if any, and the joint's number."""
 # Numbers of the joints of an arm, which begin with 1 or 0.
 _NUMBERS = ("1234567", "0123456", "123456", "012345")
 # Positions that were commanded instead of measured.
@@ -389,7 +392,7 @@ def _channels(
             (group,) = groups.values()
             for column, name in zip(group, axes, strict=True):
                 labels[column.number] = name
-    joints = max((_groups(columns, _JOINT, n) for n in _NUMBERS), key=len)
+    joints = max((_groups(columns, JOINT, n) for n in _NUMBERS), key=len)
     joints = {p: g for p, g in joints.items() if not NO_MEASURED_ANGLES.search(p)}
     if len(positions) > 1:
         prefix, group = next(iter(positions.items()))
@@ -446,7 +449,7 @@ def _groups(columns: Sequence[_Column], form: re.Pattern[str], axes: str) -> _Gr
     for column in columns:
         match = form.fullmatch(column.key)
         if match:
-            groups.setdefault(match[1], {}).setdefault(match[2], column)
+            groups.setdefault(match[1] or "", {}).setdefault(match[2], column)
     complete = {
         prefix: tuple(group[axis] for axis in axes)
         for prefix, group in groups.items()
