@@ -13,8 +13,19 @@ from fmp_drake.apps import terminal
 
 # The module `fmp_drake.apps.wipe` has the command `wipe`, and so on.
 _COMMANDS = (
-    *("arm", "benchmark", "check", "inspect", "learn", "record", "reproduce", "robots"),
-    *("scenarios", "teach", "video", "worlds", "wipe"),
+    "arm",
+    "benchmark",
+    "check",
+    "inspect",
+    "learn",
+    "record",
+    "reproduce",
+    "robots",
+    "scenarios",
+    "teach",
+    "video",
+    "worlds",
+    "wipe",
 )
 
 

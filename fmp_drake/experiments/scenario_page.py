@@ -19,9 +19,14 @@ from fmp_drake.station import LoadScenario
 
 _SIZE = (480, 360)
 _COLUMNS = (
-    *("", "demonstrated area cleaned", "50 / 90 / 99 % after", "force, 90 % within"),
-    *("within 10 % / 5 N of desired", "tracking error"),
-    *("largest joint torque / speed", "nearest joint limit"),
+    "",
+    "demonstrated area cleaned",
+    "50 / 90 / 99 % after",
+    "force, 90 % within",
+    "within 10 % / 5 N of desired",
+    "tracking error",
+    "largest joint torque / speed",
+    "nearest joint limit",
 )
 
 

@@ -38,9 +38,9 @@ _TRAIL_SECONDS, _TRAIL_STEP = 4.0, 0.02
 class FilmReel:
     """Recording of the plant's positions and the ink at the times of a film's frames.
 
-    Call ``simulator.set_monitor(reel.observe)`` before the simulation starts. A simulation that is initialised again
-    starts a new recording. Positions stay in memory; the ink, a byte per cell, is stored
-    in a temporary file.
+    Call ``simulator.set_monitor(reel.observe)`` before the simulation starts. A simulation
+    that is initialised again starts a new recording. Positions stay in memory; the ink, a
+    byte per cell, is stored in a temporary file.
 
     Parameters
     ----------

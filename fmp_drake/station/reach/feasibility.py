@@ -357,9 +357,9 @@ class _Check:
             elif self._firmer is not None:
                 changed.press.force = float(math.ceil(self._firmer / factor))
                 words.append(f"press with at least {changed.press.force:.0f} N")
-            check = _Check(changed, self._skill, self._bounds)
-            # The felt may not bear the normal force.
-            if not changed.inconsistency() and check.result().is_feasible:
+            if changed.inconsistency():  # The felt may not bear the normal force.
+                continue
+            if _Check(changed, self._skill, self._bounds).result().is_feasible:
                 self._slower = self._slower and changed.skill.tempo
                 return " and ".join(words)
         return ""

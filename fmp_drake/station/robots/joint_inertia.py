@@ -98,10 +98,11 @@ def CheckJointInertia(robot: Robot, config: ImpedanceConfig) -> None:
             f"impedance.control_period is {config.control_period:g} s; with it no arm is "
             "stable in its springs. Choose a shorter one."
         )
-    joints = map(plant.get_joint, plant.GetJointIndices(robot.arm))
-    name = [joint.name() for joint in joints if joint.num_positions()][i]
+    names = plant.GetPositionNames(
+        add_model_instance_prefix=False, always_add_suffix=False
+    )
     raise StationError(
-        f"{name} of {Path(robot.config.model).name} has an inertia of only "
+        f"{names[i]} of {Path(robot.config.model).name} has an inertia of only "
         f"{1 / np.linalg.inv(M)[i, i]:.2g} kg m². The controller's springs would make it "
         f"oscillate at a control period of {config.control_period:g} s. Give the inertia of "
         f"the motors as seen at the joints, at least {needed:.2g} kg m², in the robot's YAML "

@@ -61,8 +61,8 @@ class RobotConfig:
     friction : FrictionConfig
         Of its joints; lists of n, or empty where it is not known.
     reflected_inertia : list of floats
-        Inertia of the motors as seen at the joints, kg m²: a list of one number for all, or of n. It
-        replaces the model's; empty where the model has it.
+        Inertia of the motors as seen at the joints, kg m²: a list of one number for all, or
+        of n. It replaces the model's; empty where the model has it.
     max_torque_rate : float
         Fastest change of any joint torque that it accepts, Nm/s.
     driver : str
