@@ -69,3 +69,20 @@ def test_predictions_are_calibrated_by_their_own_errors(aimless):
     other = copy_skill(skill, calibration_=calibration)
     one, two = (s.predict(y[:10], 20).covariances for s in (skill, other))
     assert np.array_equal(one, two)
+
+
+@pytest.mark.parametrize("model", ["automatic", "mixture"])
+@pytest.mark.parametrize("seconds", [8, 20])
+def test_channels_inferred_by_a_mixture_of_few_windows_are_in_the_tube(model, seconds):
+    noise = np.random.default_rng(2).standard_normal((900, 3))
+    y = gaussian_filter1d(noise, 10, axis=0)
+    y[:, 2] = 2 * y[:, 0] + 0.3 * y[:, 2]
+    known, held = y[: 20 * seconds], y[400:]
+    skill = FourierMovementPrimitive(rate=20.0, model=model).fit(known)
+    assert skill.model_ == "mixture"
+    for observed, inferred in (([0], [1, 2]), ([2], [0, 1]), ([0, 1], [2])):
+        prediction = skill.infer(held[:, observed], observed)
+        error = held[:, inferred] - prediction.values
+        solved = np.linalg.solve(prediction.covariances, error[..., None])[..., 0]
+        is_inside = np.sum(error * solved, axis=1) < chi2.ppf(0.95, len(inferred))
+        assert np.mean(is_inside) > 0.85, observed

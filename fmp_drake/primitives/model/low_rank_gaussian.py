@@ -9,6 +9,9 @@ from scipy.stats import chi2
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import Array
 
+# Covariance of the background of a density relative to that of all windows.
+_WIDE = 4.0
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LowRankGaussian:
@@ -138,3 +141,25 @@ class LowRankGaussian:
         radius_squared = float(chi2.ppf(confidence, max(self.rank, 1)))
         coordinates *= np.sqrt(min(1.0, radius_squared / max(squared, 1e-24)))
         return self.mean + self.basis @ coordinates
+
+
+def wide_gaussian(
+    proportions: Array, components: tuple[LowRankGaussian, ...]
+) -> LowRankGaussian:
+    """Return one wide Gaussian over all components: their covariance times a factor."""
+    means = np.stack([c.mean for c in components])
+    mean = proportions @ means
+    covariance = (means - mean).T @ (proportions[:, None] * (means - mean))
+    for proportion, c in zip(proportions, components, strict=True):
+        covariance += proportion * (c.basis * c.variances) @ c.basis.T
+    covariance[np.diag_indices_from(covariance)] += proportions @ [
+        c.noise for c in components
+    ]
+    variances, vectors = np.linalg.eigh(_WIDE * covariance)
+    noise = max(float(variances[0]), 1e-300)
+    return LowRankGaussian(
+        mean=mean,
+        basis=np.ascontiguousarray(vectors),
+        variances=np.maximum(variances - noise, 0.0),
+        noise=noise,
+    )

@@ -16,7 +16,10 @@ from fmp_drake.numeric import Array, as_floats, check_number, finite_array
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.data.windows import Windows, as_windows
 from fmp_drake.primitives.model.basis import FourierBasis
-from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.low_rank_gaussian import (
+    LowRankGaussian,
+    wide_gaussian,
+)
 from fmp_drake.primitives.model.mapping import (
     Keypoint,
     LruCache,
@@ -31,11 +34,7 @@ from fmp_drake.primitives.model.prediction import (
     Prediction,
     Replay,
 )
-
-# Samples from which channels are inferred, in overlaps of windows.
-_SPANS = 1
-# Covariance of the background of a density relative to that of all windows.
-_WIDE = 4.0
+from fmp_drake.primitives.model.similar_windows import SimilarWindows
 
 
 class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
@@ -101,7 +100,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         if calibration is not None and calibration.background_weight > 0:
             background = self._cache.get(
                 ("background", self.components_),
-                lambda: _background(self.proportions_, self.components_),
+                lambda: wide_gaussian(self.proportions_, self.components_),
             )
             fraction = calibration.background_weight
             out = np.logaddexp(
@@ -268,7 +267,8 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
 
         The components are averaged by their evidence. Far from its reference step a
         component of a phase model is not accurate, so each sample is inferred from the
-        observations near it.
+        observations near it. Where a movement of few windows does not repeat, the recorded
+        windows whose observed channels are similar take the place of the components.
 
         Parameters
         ----------
@@ -296,20 +296,11 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             raise SkillError("all channels are observed; leave out those to infer.")
         y = finite_array(values, "the values", ("n", len(observed_channels)))
         n = len(y)
-        span = min(n, _SPANS * self.overlap, self.n_steps)
-        steps = np.arange(span)
-        rows = [
-            self.observation_rows(steps, channels=index)
-            for index in (observed_channels, inferred_channels)
-        ]
-        parts = [c.marginal(np.concatenate(rows)) for c in self.components_]
-        conditioning = Conditioning(
-            self.proportions_,
-            np.stack([mean for mean, _ in parts]),
-            np.stack([covariance for _, covariance in parts]),
-            noise=np.tile(self._tolerances()[observed_channels], span),
-            channels=len(inferred_channels),
+        span = min(n, self.overlap, self.n_steps)
+        model, factor, variances = self._inference(
+            observed_channels, inferred_channels, span
         )
+        y = y / self.scales_[observed_channels]
         mean = np.empty((n, len(inferred_channels)))
         covariances = np.empty((n, len(inferred_channels), len(inferred_channels)))
         # The middle of each window; the first and the last one also up to their ends.
@@ -317,18 +308,52 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         while True:
             last = first + span >= n
             first = min(first, n - span)
-            inferred = conditioning.predict(y[first : first + span])
+            inferred = model.predict(y[first : first + span])
             of = slice(0 if first == 0 else margin, span if last else span - margin)
             mean[first:][of], covariances[first:][of] = inferred[0][of], inferred[1][of]
             if last:
                 break
             first += max(1, span - 2 * margin)
+        scales = self.scales_[inferred_channels]
+        covariances = factor * covariances + np.diag(variances)
+        return Prediction(
+            values=mean * scales,
+            covariances=covariances * np.outer(scales, scales),
+            degrees_of_freedom=getattr(self.calibration_, "degrees_of_freedom", None),
+        )
+
+    def _inference(
+        self, observed: list[int], inferred: list[int], span: int
+    ) -> tuple[Conditioning | SimilarWindows, float, Array]:
+        """Return a model of scaled channels, given others at the same `span` samples.
+
+        Also return the factor of its covariances and variances (I,) to be added to them.
+        """
+        factor, variances = 1.0, np.zeros(len(inferred))
         if self.phase_model_ is not None:
             # Observed samples are not calibrated; the variances of few cycles are too
             # small.
-            covariances *= variance_factor(max(self.phase_model_.cycles, 1))
-        dof = getattr(self.calibration_, "degrees_of_freedom", None)
-        return Prediction(values=mean, covariances=covariances, degrees_of_freedom=dof)
+            factor = variance_factor(max(self.phase_model_.cycles, 1))
+        elif recordings := [y / self.scales_ for y in self.paths_ if len(y) >= span]:
+            similar = SimilarWindows(recordings, observed, inferred, span)
+            if self.memory_:
+                # A mixture of so few windows does not predict, either.
+                return similar, factor, variances
+            variances = similar.error_variances
+        rows = [
+            self.observation_rows(np.arange(span), channels=index)
+            / np.tile(self.scales_[index], span)[:, None]
+            for index in (observed, inferred)
+        ]
+        parts = [c.marginal(np.concatenate(rows)) for c in self.components_]
+        conditioning = Conditioning(
+            self.proportions_,
+            np.stack([mean for mean, _ in parts]),
+            np.stack([covariance for _, covariance in parts]),
+            noise=np.full(span * len(observed), self.tolerance),
+            channels=len(inferred),
+        )
+        return conditioning, factor, variances
 
     def observation_rows(
         self,
@@ -613,28 +638,6 @@ class PredictionPlan:
             covariances=covariances * squares,
             degrees_of_freedom=calibration.degrees_of_freedom,
         )
-
-
-def _background(
-    proportions: Array, components: tuple[LowRankGaussian, ...]
-) -> LowRankGaussian:
-    """Return one wide Gaussian over all components: their covariance times a factor."""
-    means = np.stack([c.mean for c in components])
-    mean = proportions @ means
-    covariance = (means - mean).T @ (proportions[:, None] * (means - mean))
-    for proportion, c in zip(proportions, components, strict=True):
-        covariance += proportion * (c.basis * c.variances) @ c.basis.T
-    covariance[np.diag_indices_from(covariance)] += proportions @ [
-        c.noise for c in components
-    ]
-    variances, vectors = np.linalg.eigh(_WIDE * covariance)
-    noise = max(float(variances[0]), 1e-300)
-    return LowRankGaussian(
-        mean=mean,
-        basis=np.ascontiguousarray(vectors),
-        variances=np.maximum(variances - noise, 0.0),
-        noise=noise,
-    )
 
 
 def check_skill(skill: Any, call: str) -> None:
