@@ -135,7 +135,7 @@ def AddSkill(
     """Add a skill that commands a controller, and export its outputs.
 
     Systems: fourier_primitive, desired_motion; of a skill with further channels, or on
-    a curved surface, task_motion, skill_position, position_covariance of a simulated
+    a curved surface, task_motion, controller_inputs, skill_position, position_covariance of a simulated
     arm, measured_coordinates, and force_channel with demonstrated_force and
     demonstrated_force_offset.
 
@@ -186,7 +186,7 @@ def AddSkill(
         motion = primitive.GetOutputPort("motion")
         part = _Select(builder, "skill_position", motion, rows)
         builder.Connect(part, desired.get_input_port())
-        task = _AddTaskMotion(builder, scene, roles, primitive, controller)
+        task, parts = _AddTaskMotion(builder, scene, roles, primitive, controller)
         if not scene.curvature.is_plane:
             coordinates = task.GetOutputPort("measured")
             position = _Select(
@@ -200,10 +200,11 @@ def AddSkill(
                 port = task.GetInputPort("normal_force")
                 builder.Connect(measured.normal_force, port)
             largest_force = max(float(skill.extent_[1, roles.force]), 0.0)
-            force = _AddForceChannel(builder, scene, task, force, largest_force)
+            demonstrated = parts["desired_normal_force"]
+            force = _AddForceChannel(builder, scene, demonstrated, force, largest_force)
         if roles.rotation is not None:
             name = "desired_orientation"
-            builder.ExportOutput(task.GetOutputPort(name), name)
+            builder.ExportOutput(parts[name], name)
     if choice is not None and measured.ink is not None:
         builder.Connect(measured.ink, primitive.GetInputPort("ink"))
     if scene.is_simulated:
@@ -222,8 +223,11 @@ def _AddTaskMotion(
     roles: ChannelRoles,
     primitive: FourierPrimitiveSystem,
     controller: System,
-) -> TaskMotion:
-    """Convert a skill's motion to the controller's inputs, except for the normal force."""
+) -> tuple[TaskMotion, dict[str, OutputPort]]:
+    """Convert a skill's motion to the controller's inputs; return these as ports.
+
+    The normal force is not connected to the controller here.
+    """
     # A curved surface on a rail moves, and the task frame moves over it.
     on_rail = builder.HasSubsystemNamed("task_frame") and not scene.curvature.is_plane
     task = TaskMotion(roles, scene.curvature, X_WS=scene.X_WA, is_moving=on_rail)
@@ -231,26 +235,29 @@ def _AddTaskMotion(
     for name in _FRAME if on_rail else ():
         frame = builder.GetSubsystemByName(name).get_output_port()
         builder.Connect(frame, task.GetInputPort(name.replace("task", "surface")))
-    if task.HasOutputPort("task_frame") and builder.HasSubsystemNamed(_ESTIMATOR):
+    desired = builder.AddNamedSystem(
+        "controller_inputs", Demultiplexer([*task.parts.values()])
+    )
+    builder.Connect(task.GetOutputPort("desired"), desired.get_input_port())
+    parts = {name: desired.get_output_port(i) for i, name in enumerate(task.parts)}
+    if "task_frame" in parts and builder.HasSubsystemNamed(_ESTIMATOR):
         estimator = builder.GetSubsystemByName(_ESTIMATOR)
-        frame = task.GetOutputPort("task_frame")
-        builder.Connect(frame, estimator.GetInputPort("task_frame"))
+        builder.Connect(parts["task_frame"], estimator.GetInputPort("task_frame"))
     builder.Connect(primitive.GetOutputPort("motion"), task.GetInputPort("motion"))
     pose = controller.GetOutputPort("measured_pose")
     builder.Connect(pose, task.GetInputPort("measured_pose"))
     measured = task.GetOutputPort("measured")
     builder.Connect(measured, primitive.GetInputPort("measured_position"))
-    for i in range(task.num_output_ports()):
-        port = task.get_output_port(i)
-        if port.get_name() not in ("measured", "desired_normal_force"):
-            builder.Connect(port, controller.GetInputPort(port.get_name()))
-    return task
+    for name, port in parts.items():
+        if name != "desired_normal_force":
+            builder.Connect(port, controller.GetInputPort(name))
+    return task, parts
 
 
 def _AddForceChannel(
     builder: DiagramBuilder,
     scene: BoardScene,
-    task: TaskMotion,
+    demonstrated: OutputPort,
     force: InputPort,
     largest_force: float,
 ) -> InputPort:
@@ -270,7 +277,7 @@ def _AddForceChannel(
         "demonstrated_force",
         Saturation(min_value=np.zeros(1), max_value=np.full(1, largest_force)),
     )
-    builder.Connect(task.GetOutputPort(name), limit.get_input_port())
+    builder.Connect(demonstrated, limit.get_input_port())
     builder.Connect(limit.get_output_port(), total.get_input_port(0))
     builder.Connect(nominal.get_output_port(), total.get_input_port(2))
     builder.Connect(total.get_output_port(), force)

@@ -120,7 +120,6 @@ from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.controller_status import STATUS_SIZE
 from fmp_drake.systems.impedance.records import (
-    OPTIONAL,
     PACKED_SIZE,
     PLACES,
     PORTS,
@@ -135,7 +134,7 @@ from fmp_drake.systems.interface.arm_model import (
     checked_posture,
     joint_limits,
 )
-from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
+from fmp_drake.systems.interface.callbacks import eval_cache
 
 ENGAGE_HEIGHT = 0.01
 """Default height over the surface below which the normal force acts, m."""
@@ -293,16 +292,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
             "covariance": config.covariance_stiffness.enabled,
             "normal_force": config.force_control.enabled,
         }
-        used = [name for name in OPTIONAL if enabled.get(name, True)]
-        self._usual = [*REQUIRED, "desired_normal_force"]
-        self._rare = [name for name in used if name not in self._usual]
-        # Most of them are not connected; the cache finds that out once.
-        self._packed = declare_cache(
-            self,
-            "packed inputs that are rarely connected",
-            self._calc_packed,
-            {self._ports[name].ticket() for name in self._rare},
-        )
+        self._used = [name for name in PORTS if enabled.get(name, True)]
 
     def _declare_outputs(self, n: int) -> None:
         self.DeclareStateOutputPort("torque", self.DeclareDiscreteState(n))
@@ -338,9 +328,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         discrete = context.get_discrete_state()
-        packed = eval_cache(self, self._packed, context).copy()
         torque, status, memory = self._step(
-            self._pack(context, self._usual, packed),
+            self._pack(context, self._used),
             context.get_time(),
             discrete.value(_TORQUE),
             discrete.value(_MEMORY),
@@ -355,11 +344,9 @@ class OperationalSpaceImpedanceController(LeafSystem):
         plant_context = eval_cache(self, self._plant_context, context)
         return plant_context, _eval(self._state, context)
 
-    def _calc_packed(self, context: Any, value: Any) -> None:
-        value.set_value(self._pack(context, self._rare, np.zeros(PACKED_SIZE)))
-
-    def _pack(self, context: Context, names: Iterable[str], values: Array) -> Array:
-        """Write the values of some ports to an array for `unpack`; return it."""
+    def _pack(self, context: Context, names: Iterable[str]) -> Array:
+        """Return an array for `unpack` with the values of some ports."""
+        values = np.zeros(PACKED_SIZE)
         for name in names:
             port = self._ports[name]
             if name in REQUIRED or port.HasValue(context):
@@ -375,7 +362,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
     ) -> None:
         """Set a part of `measured_motion` with the values of some ports."""
         measured = self._measured_motion(
-            self._pack(context, names, np.zeros(PACKED_SIZE)),
+            self._pack(context, names),
             *self._arm.motion(*self._arm_state(context)),
         )
         output.SetFromVector(measured[part])

@@ -1,6 +1,5 @@
 """Conversion between the channels of a skill and the ports of an impedance controller."""
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,6 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.primitives.data.channels import ChannelRoles
-from fmp_drake.systems.interface.callbacks import declare_cache, eval_cache
 from fmp_drake.systems.surface.surface import Surface
 from fmp_drake.systems.surface.tool_motion import (
     DESIRED,
@@ -32,7 +30,9 @@ class TaskMotion(LeafSystem):
     the surface, z of T is the local normal, and the tool keeps its height over T. Rotation
     channels are the orientation R_TE, so that they follow the normal.
 
-    There is no state: one evaluation of compiled functions gives the values of all ports.
+    There is no state. One port has all inputs of the controller, because a call of a
+    Python function takes longer than their computation; a `Demultiplexer` of the sizes
+    `parts` separates them.
 
     Input ports
     -----------
@@ -48,19 +48,20 @@ class TaskMotion(LeafSystem):
 
     Output ports
     ------------
-    desired_position, desired_velocity, desired_acceleration : (3,)
-        Of E in T: m, m/s, m/s^2.
-    desired_orientation : (4,)
-        Quaternion (w, x, y, z) of R_TE. This and the next two only with rotation channels.
-    desired_angular_velocity, desired_angular_acceleration : (3,)
-        Of E relative to T, in T: rad/s, rad/s^2.
-    desired_normal_force : (1,)
-        N, not negative; only with a force channel.
-    task_frame : (7,)
-        Quaternion (w, x, y, z) of R_WT and p_WT in m. This and the next two only on a
-        curved or moving surface.
-    task_frame_velocity, task_frame_acceleration : (6,)
-        V_WT and its time derivative in W, rotation first.
+    desired : (n,)
+        The `parts`, one after the other:
+
+        - desired_position, desired_velocity, desired_acceleration (3,): of E in T; m,
+          m/s, m/s^2;
+        - desired_orientation (4,): quaternion (w, x, y, z) of R_TE. This and the next two
+          only with rotation channels;
+        - desired_angular_velocity, desired_angular_acceleration (3,): of E relative to T,
+          in T; rad/s, rad/s^2;
+        - desired_normal_force (1,): N, not negative; only with a force channel;
+        - task_frame (7,): quaternion (w, x, y, z) of R_WT and p_WT in m. This and the next
+          two only on a curved or moving surface;
+        - task_frame_velocity, task_frame_acceleration (6,): V_WT and its time derivative
+          in W, rotation first.
     measured : (D,)
         Measured values of the skill's channels.
 
@@ -72,6 +73,11 @@ class TaskMotion(LeafSystem):
         The surface in the world.
     is_moving : bool
         Whether the frame of the surface is an input.
+
+    Attributes
+    ----------
+    parts : dict of str to int
+        Names of the controller's inputs at the port desired, in their order, and sizes.
 
     Raises
     ------
@@ -85,9 +91,9 @@ class TaskMotion(LeafSystem):
     >>> pipe = TaskMotion(roles, Surface(0.0, 4.0), X_WS=RigidTransform())
     >>> context = pipe.CreateDefaultContext()
     >>> _ = pipe.GetInputPort("motion").FixValue(context, [0.1, 0.0, 0.02, *[0.0] * 6])
-    >>> pipe.GetOutputPort("desired_position").Eval(context)
-    array([0.  , 0.  , 0.02])
-    >>> pipe.GetOutputPort("task_frame").Eval(context)
+    >>> [*pipe.parts.items()][-3:]
+    [('task_frame', 7), ('task_frame_velocity', 6), ('task_frame_acceleration', 6)]
+    >>> pipe.GetOutputPort("desired").Eval(context)[9:16]
     array([1. , 0. , 0. , 0. , 0.1, 0. , 0. ])
     """
 
@@ -133,10 +139,6 @@ class TaskMotion(LeafSystem):
         ]
 
     def _declare_outputs(self, is_moving: bool) -> None:
-        desired = {self._motion.ticket(), *(port.ticket() for port in self._frame)}
-        self._desired = declare_cache(
-            self, "desired motion", self._calc_desired, desired
-        )
         unused: set[str] = set()
         if self._roles.rotation is None:
             unused |= set(_ROTATION)
@@ -144,16 +146,16 @@ class TaskMotion(LeafSystem):
             unused.add("desired_normal_force")
         if self._surface.is_plane and not is_moving:
             unused |= set(_FRAME)
-        first = 0
-        for name, size in DESIRED.items():
-            if name not in unused:
-                self.DeclareVectorOutputPort(
-                    name,
-                    size,
-                    partial(self._calc_part, slice(first, first + size)),
-                    prerequisites_of_calc={self.cache_entry_ticket(self._desired)},
-                )
-            first += size
+        self.parts = {n: size for n, size in DESIRED.items() if n not in unused}
+        self._is_used = np.repeat(
+            [n not in unused for n in DESIRED], [*DESIRED.values()]
+        )
+        self.DeclareVectorOutputPort(
+            "desired",
+            sum(self.parts.values()),
+            self._calc_desired,
+            prerequisites_of_calc={p.ticket() for p in (self._motion, *self._frame)},
+        )
         measured = {self._motion.ticket(), self._pose.ticket()}
         if self._force is not None:
             measured.add(self._force.ticket())
@@ -164,7 +166,7 @@ class TaskMotion(LeafSystem):
             prerequisites_of_calc=measured,
         )
 
-    def _calc_desired(self, context: Any, value: Any) -> None:
+    def _calc_desired(self, context: Context, output: BasicVector) -> None:
         frame = self._fixed_frame
         if self._frame:
             pose, velocity, acceleration = (
@@ -175,10 +177,8 @@ class TaskMotion(LeafSystem):
                 [R_WS.matrix().ravel(), pose[4:], velocity, acceleration]
             )
         motion: Any = self._motion.Eval(context)
-        value.set_value(desired_motion(self._channels, self._surface, frame, motion))
-
-    def _calc_part(self, part: slice, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(eval_cache(self, self._desired, context)[part])
+        desired = desired_motion(self._channels, self._surface, frame, motion)
+        output.SetFromVector(desired[self._is_used])
 
     def _calc_measured(self, context: Context, output: BasicVector) -> None:
         motion: Any = self._motion.Eval(context)

@@ -55,8 +55,10 @@ def outputs(system, t, **inputs):
     for name, value in values.items():
         if system.HasInputPort(name):
             system.GetInputPort(name).FixValue(context, value)
-    ports = [system.get_output_port(i) for i in range(system.num_output_ports())]
-    return {port.get_name(): port.Eval(context) for port in ports}
+    desired = system.GetOutputPort("desired").Eval(context)
+    parts = np.split(desired, np.cumsum([*system.parts.values()])[:-1])
+    measured = system.GetOutputPort("measured").Eval(context)
+    return {**dict(zip(system.parts, parts, strict=True)), "measured": measured}
 
 
 def pose_of(wxyz_and_p):
@@ -72,7 +74,7 @@ def tool_in_world(values):
     return pose_of(values["task_frame"]) @ X_TE
 
 
-def test_ports_follow_the_roles_and_the_surface():
+def test_parts_follow_the_roles_and_the_surface():
     motion = ["desired_position", "desired_velocity", "desired_acceleration"]
     turning = [
         "desired_orientation",
@@ -88,15 +90,16 @@ def test_ports_follow_the_roles_and_the_surface():
     ):
         system = TaskMotion(roles, surface, X_WS=X_WS)
         assert list(outputs(system, 0.0)) == expected
+        assert system.GetOutputPort("desired").size() == sum(system.parts.values())
         assert system.GetOutputPort("measured").size() == roles.count
 
 
 def test_desired_outputs_do_not_depend_on_measurements():
     system = TaskMotion(ALL, PIPE, X_WS=X_WS)
     pose = system.GetInputPort("measured_pose").get_index()
-    for i in range(system.num_output_ports()):
-        name = system.get_output_port(i).get_name()
-        assert system.HasDirectFeedthrough(pose, i) == (name == "measured")
+    for name in ("desired", "measured"):
+        port = system.GetOutputPort(name).get_index()
+        assert system.HasDirectFeedthrough(pose, port) == (name == "measured")
 
 
 def test_outputs_are_the_same_without_caching():
@@ -104,11 +107,9 @@ def test_outputs_are_the_same_without_caching():
     context = system.CreateDefaultContext()
     context.DisableCaching()
     system.GetInputPort("motion").FixValue(context, motion_at(0.3, 7))
-    for name, expected in outputs(system, 0.3).items():
-        if name != "measured":
-            np.testing.assert_array_equal(
-                system.GetOutputPort(name).Eval(context), expected
-            )
+    expected = [part for n, part in outputs(system, 0.3).items() if n != "measured"]
+    desired = system.GetOutputPort("desired").Eval(context)
+    np.testing.assert_array_equal(desired, np.concatenate(expected))
 
 
 def test_plane_passes_positions_and_rotations_of_the_skill():
