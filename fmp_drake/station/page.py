@@ -253,6 +253,7 @@ def AddPageStatus(
     playback: Playback,
     *,
     measured: Measurements,
+    last_fault: OutputPort,
     desired_normal_force: OutputPort,
     panel: PagePanel,
 ) -> None:
@@ -265,6 +266,8 @@ def AddPageStatus(
     playback : Playback
     measured : Measurements
         Of the task.
+    last_fault : OutputPort
+        Of the controller.
     desired_normal_force : OutputPort
         Of the scenario or the page, N.
     panel : PagePanel
@@ -275,9 +278,9 @@ def AddPageStatus(
         cells = ink.initial_ink >= CLEAN_BELOW
         _, area = ChoiceByInk(scenario, playback.skill)
         cells = cells if area is None else cells & area
-    period = scenario.impedance.control_period
-    status = builder.AddSystem(PageStatus(panel, area=cells, status_period=period))
+    status = builder.AddSystem(PageStatus(panel, area=cells))
     builder.Connect(measured.status, status.GetInputPort("status"))
+    builder.Connect(last_fault, status.GetInputPort("last_fault"))
     component = playback.primitive.GetOutputPort("component")
     builder.Connect(component, status.GetInputPort("component"))
     if ink is not None:

@@ -90,6 +90,8 @@ def MakeStation(
       coordinates (u, v, h), and a velocity relative to the target); measured_pose (7,), a
       quaternion w, x, y, z and the position in T; tracking_error (6,); state (2n,); torque
       (n,), the command without gravity; actuation (n,), with gravity, Nm;
+      last_fault (1,), the reason of the latest protective stop, one or more of
+      `STOP_REASONS`;
     - of the task: status (6,) of the controller and of the surface monitor, see
       `ImpedanceStatus`; ink, one value per cell; cleaned_fraction (1,); normal_force (1,),
       N; contact_area (1,), m^2; penetration (1,) of the deepest hard point of arm and
@@ -216,6 +218,7 @@ def MakeStation(
                 scene,
                 playback,
                 measured=measured,
+                last_fault=controller.GetOutputPort("last_fault"),
                 desired_normal_force=force,
                 panel=panel,
             )

@@ -118,7 +118,7 @@ from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import Array, check_number
 from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.controller_status import STATUS_SIZE
+from fmp_drake.systems.impedance.controller_status import STATUS_SIZE, STOP_REASONS
 from fmp_drake.systems.impedance.records import (
     PACKED_SIZE,
     PLACES,
@@ -141,7 +141,8 @@ ENGAGE_HEIGHT = 0.01
 
 
 # Groups of the discrete state.
-_TORQUE, _STATUS, _MEMORY = range(3)
+_TORQUE, _STATUS, _MEMORY, _LAST_FAULT = range(4)
+_REASONS = int(sum(STOP_REASONS))
 # Input ports of the measured pose, velocity and error.
 _POSE = ("task_frame",)
 _VELOCITY = ("task_frame", "task_frame_velocity")
@@ -193,6 +194,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
     - ``tracking_error`` (6): from the measured pose to the desired one of the inputs, a
       rotation vector in rad and a translation in m, in T.
     - ``status`` (6): of the last update, see `ImpedanceStatus`.
+    - ``last_fault`` (1): flags of the latest status with one of `STOP_REASONS`, these only;
+      0 before the first. A fault may last for one update, the stop after it longer.
     - ``measured_pose`` (7): quaternion w, x, y, z of R_TE, and p_TE in m.
 
     Inputs that are not finite, stale, implausible or jump do not raise: see
@@ -298,6 +301,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
         self.DeclareStateOutputPort("torque", self.DeclareDiscreteState(n))
         status = self.DeclareDiscreteState(STATUS_SIZE)
         self.DeclareDiscreteState(self._initial_memory())
+        last_fault = self.DeclareDiscreteState(1)
         first = 0
         for name, size, inputs in (
             ("measured_position", 3, _POSE),
@@ -313,6 +317,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
             )
             first += size
         self.DeclareStateOutputPort("status", status)
+        self.DeclareStateOutputPort("last_fault", last_fault)
         frame = self._ports["task_frame"]
         self.DeclareVectorOutputPort(
             "measured_pose",
@@ -338,6 +343,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
         values.set_value(_TORQUE, torque)
         values.set_value(_STATUS, status)
         values.set_value(_MEMORY, memory)
+        if fault := int(status[0]) & _REASONS:
+            values.set_value(_LAST_FAULT, np.array([float(fault)]))
 
     def _arm_state(self, context: Context) -> tuple[Context, Array]:
         """Return the arguments of the methods of `ArmModel`."""

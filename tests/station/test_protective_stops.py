@@ -12,6 +12,7 @@ from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.runs import WipingRun
 from fmp_drake.station import LoadScenario
 from fmp_drake.systems import StatusFlag
+from fmp_drake.systems.impedance.controller_status import STOP_REASONS
 from fmp_drake.systems.page.page_status import mode_in_words
 from fmp_drake.systems.scripted_disturbances import Disturbance
 
@@ -49,6 +50,11 @@ def test_an_arm_that_runs_away_is_stopped_shown_reported_and_judged(wiping_skill
     assert flags[first] & StatusFlag.PROTECTIVE_STOP
     assert np.all(status[first : first + 150, 1] == 0)
 
+    # The fault is short; the stop and the return after it are longer.
+    faults_seen = flags & int(sum(STOP_REASONS))
+    last_fault = int(run.output("last_fault")[0])
+    assert faults_seen[-1] == 0
+    assert last_fault == faults_seen[faults_seen > 0][-1]
     level, mode, detail = mode_in_words(flags[first], flag, 20.0, desired=10.0)
     assert (level, mode, detail) == ("bad", "protective stop", reason)
     stops = [e.text for e in run.events() if e.kind == "protective stop"]

@@ -39,6 +39,7 @@ PORTS = {
     "measured_pose": 7,
     "tracking_error": 6,
     "status": 6,
+    "last_fault": 1,
     "torque": 7,
     "actuation": 7,
     "state": 14,

@@ -200,6 +200,7 @@ def test_ports_have_names_and_sizes(controller):
         "measured_pose": 7,
         "tracking_error": 6,
         "status": 6,
+        "last_fault": 1,
     }
     assert controller.get_name() == "operational_space_impedance_controller"
 

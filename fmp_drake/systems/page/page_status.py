@@ -5,15 +5,8 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import (
-    Context,
-    DiscreteValues,
-    InputPort,
-    LeafSystem,
-)
+from pydrake.systems.framework import Context, InputPort, LeafSystem
 
-from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number
 from fmp_drake.systems.impedance.controller_status import (
     CONDITIONS,
     STATUS_SIZE,
@@ -28,19 +21,17 @@ from fmp_drake.systems.page.plan_visualizer import component_color
 
 # Time between two pictures, s.
 _PERIOD = 0.128
-_REASONS = int(sum(STOP_REASONS))
 
 
 class PageStatus(LeafSystem):
     """Shows time, force, cleaned area, component and mode in the panel of a page.
 
-    A fault that stops the arm may last for one update of the controller; the latest is
-    discrete state.
-
     Input ports
     -----------
     status : (6,)
         Of the controller, see `ImpedanceStatus`.
+    last_fault : (1,)
+        Of the controller: the reason of the latest protective stop.
     normal_force : (1,)
         On the board, N. This, the desired one and ink only where there is a board.
     desired_normal_force : (1,)
@@ -55,8 +46,6 @@ class PageStatus(LeafSystem):
     panel : PagePanel
     area : array_like of bool, shape (ny nx,), optional
         The cells that should be cleaned; None where there is no board.
-    status_period : float
-        Between two updates of the status, s.
 
     Examples
     --------
@@ -66,6 +55,7 @@ class PageStatus(LeafSystem):
     >>> context = status.CreateDefaultContext()
     >>> for name, value in {
     ...     "status": [4096, 1, 1, 1, 0, 0],
+    ...     "last_fault": [0],
     ...     "normal_force": [9.5],
     ...     "desired_normal_force": [10.0],
     ...     "ink": [0.0, 1.0, 1.0, 1.0],
@@ -78,21 +68,12 @@ class PageStatus(LeafSystem):
     >>> panel.close()
     """
 
-    def __init__(
-        self,
-        panel: PagePanel,
-        *,
-        area: ArrayLike | None = None,
-        status_period: float = 0.001,
-    ) -> None:
+    def __init__(self, panel: PagePanel, *, area: ArrayLike | None = None) -> None:
         super().__init__()
         self.set_name("page_status")
-        check_number(
-            status_period, "status_period", above=0, unit="s", error=SystemsError
-        )
         self._panel = panel
         self._area = None if area is None else np.array(area, dtype=bool).ravel()
-        sizes = {"status": STATUS_SIZE, "component": 1}
+        sizes = {"status": STATUS_SIZE, "last_fault": 1, "component": 1}
         if self._area is not None:
             sizes |= {"normal_force": 1, "desired_normal_force": 1}
             sizes["ink"] = self._area.size
@@ -100,8 +81,6 @@ class PageStatus(LeafSystem):
             name: self.DeclareVectorInputPort(name, size)
             for name, size in sizes.items()
         }
-        self._fault = int(self.DeclareDiscreteState(1))
-        self.DeclarePeriodicDiscreteUpdateEvent(status_period, 0.0, self._remember)
         self.DeclareInitializationPublishEvent(self._show)
         self.DeclareForcedPublishEvent(self._show)
         self.DeclarePeriodicPublishEvent(_PERIOD, 0.0, self._show)
@@ -117,9 +96,7 @@ class PageStatus(LeafSystem):
             desired = float(values["desired_normal_force"][0])
             fields["force"] = max(force, 0.0)
             fields["cleaned"] = cleaned_fraction(values["ink"], self._area)
-        fault = flags & _REASONS or int(
-            context.get_discrete_state(self._fault).value()[0]
-        )
+        fault = int(values["last_fault"][0])
         level, mode, detail = mode_in_words(flags, fault, force, desired=desired)
         fields |= {
             "level": level,
@@ -130,11 +107,6 @@ class PageStatus(LeafSystem):
             "component_color": css_color(component_color(component)),
         }
         self._panel.show(**fields)
-
-    def _remember(self, context: Context, values: DiscreteValues) -> None:
-        status: Any = self._inputs["status"].Eval(context)
-        if fault := int(status[0]) & _REASONS:
-            values.set_value(self._fault, np.array([float(fault)]))
 
 
 def mode_in_words(
