@@ -463,7 +463,8 @@ class Player:
         """
         skill, end = self.skill, replace(self._later(state, values), sample=False)
         next_state = self.remap(end)
-        prospect = look_ahead(skill, self.relaxations[next_state.component], next_state)
+        relaxation = self.relaxations[next_state.component]
+        prospect = look_ahead(skill, relaxation, next_state, responses=False)
         return prospect.steady[: self.ticks_between_remaps]
 
     # Quantities of a state ----------------------------------------------------
