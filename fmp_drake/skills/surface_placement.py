@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.numeric import Array, Mask
+from fmp_drake.numeric import Array, Indices, Mask
 from fmp_drake.primitives import Demonstration, find_rhythm
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
@@ -41,8 +41,8 @@ _LEAST_SAMPLES = 4  # Of a bout.
 # Ratio of residuals below which a curved surface is recommended instead of a plane.
 _FAR_BETTER = 0.5
 # Depth below the surface of a tool that touches, as a fraction of the height of its lifts: a
-# model of few cycles mixes contact and lift, and would play a contact some mm too high.
-_DEPTH = 0.04
+# model of few cycles mixes contact and lift, and would play a contact 1 or 2 mm too high.
+_DEPTH = 0.01
 # Fraction of the felt's depth by which tilting the tool may lift an edge, and of the normal force
 # that squeezes the whole felt to its core, of which the simulated one bears 70 % at its edges.
 _TILTED, _BORNE = 0.5, 0.7
@@ -74,11 +74,11 @@ def place_on_fitted_surface(
 ) -> tuple[list[Demonstration], list[str]]:
     """Fit a surface to recordings, make it the scenario's board, and place them on it.
 
-    Contact is detected by the force if there is one, otherwise by the distance to the
-    surface, and only in the bouts of the movement. In contact the height becomes
-    constant, because the real surface differs from the fitted one: 0, or lower by 4 %
-    of the height of lifts, which a learned motion blurs. With a force it is lower by the
-    compression of the felt. A path that is too large for
+    Contact is detected by the distance to the surface and, if there is one, by the force,
+    and only in the bouts of the movement. In contact the height becomes constant,
+    because the real surface differs from the fitted one: 0, or lower by 1 % of the
+    height of lifts, which a learned motion blurs. With a force it is lower by the
+    compression of the felt; elsewhere the force is 0. A path that is too large for
     the board is scaled down, with the surface's radius. Orientations are relative to
     the local normal; in contact, their mean is that of the eraser flat on the surface.
 
@@ -121,9 +121,7 @@ def place_on_fitted_surface(
         fit.coordinates(d.select(POSITION_CHANNELS).values) for d in demonstrations
     ]
     contacts = [
-        c
-        if c.force is not None
-        else replace(c, touching=c.in_bout & (np.abs(uvh[:, 2]) <= _TOUCH))
+        replace(c, touching=_touching(c, uvh[:, 2]))
         for c, uvh in zip(contacts, coordinates, strict=True)
     ]
     scale, middle = _set_board(scenario, fit, coordinates, contacts)
@@ -223,13 +221,33 @@ def _fit(
 
 def _bouts(demonstration: Demonstration, in_bout: Mask) -> list[Demonstration]:
     """Return the bouts of a demonstration."""
-    ends = np.flatnonzero(np.diff(in_bout)) + 1
-    parts = np.split(np.arange(len(in_bout)), ends)
-    return [
-        demonstration.rows(part)
-        for part in parts
-        if in_bout[part[0]] and len(part) >= _LEAST_SAMPLES
-    ]
+    runs = _runs(in_bout)
+    return [demonstration.rows(run) for run in runs if len(run) >= _LEAST_SAMPLES]
+
+
+def _runs(mask: Mask) -> list[Indices]:
+    """Return the indices of each run of consecutive true values."""
+    runs = np.split(np.arange(len(mask)), np.flatnonzero(np.diff(mask)) + 1)
+    return [run for run in runs if mask[run[0]]]
+
+
+def _touching(contact: _Contact, heights: Array) -> Mask:
+    """Return where the tool touches, by its force and its heights (N,) over the surface, m.
+
+    A force that was low-pass filtered rises while the tool is still high. Where it is weak
+    but the tool is not lifted, the tool touches.
+    """
+    is_low = heights <= _TOUCH
+    if contact.force is None:
+        return contact.in_bout & is_low
+    touching = np.zeros_like(is_low)
+    for run in _runs(contact.touching):
+        low = run[is_low[run]]
+        if len(low):
+            touching[low[0] : low[-1] + 1] = True
+    for gap in _runs(contact.in_bout & ~touching):
+        touching[gap] = np.all(is_low[gap])
+    return touching
 
 
 def _contact(demonstration: Demonstration) -> _Contact:
@@ -428,4 +446,4 @@ def _normal_force(
     )
     if scale < 1:
         remark += f", scaled to {100 * scale:.0f} % of it, the limit of the felt: {limit:.0f} N"
-    return np.clip(scale * normal, 0.0, limit), remark
+    return np.where(on, np.clip(scale * normal, 0.0, limit), 0.0), remark

@@ -273,8 +273,41 @@ def test_contact_between_lifts_is_a_little_below_the_surface():
     heights = placed.values[:, 2]
     lift = np.percentile(heights, 95) - heights[on].max()
     assert np.ptp(heights[on]) == 0
-    assert heights[on][0] == pytest.approx(-0.04 * lift)
-    assert heights[on][0] < -0.003
+    assert heights[on][0] == pytest.approx(-0.01 * lift)
+    assert heights[on][0] < -0.0009
+
+
+def test_smoothed_force_does_not_move_contact_into_the_air():
+    recording, _, on, *_ = posed("plane", force="scalar", lift=0.2)
+    values = recording.values.copy()
+    # Half a second of smoothing: the force rises before the contact and falls after it.
+    window = np.hanning(52)[1:-1]
+    values[:, 3] = np.convolve(values[:, 3], window / window.sum(), mode="same")
+    early = (values[:, 3] > 0.3 * np.percentile(values[:, 3], 95)) & ~on
+    height = (values[:, :3] - P_DS) @ R_DS.as_matrix()[:, 2]
+    assert np.max(height[early]) > 0.02
+    (placed,), _ = place_on_fitted_surface(
+        [replace(recording, values=values)], scenario=Scenario(), extra=["force"]
+    )
+    index = np.searchsorted(recording.time, placed.time)
+    height, force = height[index], placed.values[:, 3]
+    low = placed.values[:, 2].min()
+    assert np.max(height[placed.values[:, 2] == low]) < 0.011
+    assert np.all(force[height > 0.011] == 0)
+    assert np.mean(force[on[index]] > 5) > 0.95
+
+
+def test_weak_force_without_a_lift_is_contact():
+    recording, *_ = posed("plane", force="scalar")
+    values = recording.values.copy()
+    weak = np.abs(recording.time % 2 - 1) < 0.2
+    values[weak, 3] = 1.0
+    (placed,), _ = place_on_fitted_surface(
+        [replace(recording, values=values)], scenario=Scenario(), extra=["force"]
+    )
+    weak = weak[np.searchsorted(recording.time, placed.time)]
+    assert np.ptp(placed.values[:, 2]) == 0
+    assert_allclose(placed.values[weak, 3], 1.0)
 
 
 def test_controller_can_follow_placed_orientations_and_forces():

@@ -342,6 +342,9 @@ def test_motion_along_the_normal_is_fed_forward_only_as_far_as_nothing_is_presse
     assert_allclose(of_rising(8.0, 0.0), 0.0, atol=1e-9)
     assert_allclose(of_rising(8.0, 2 * z), free, atol=1e-9)
     assert_allclose(of_rising(8.0, z), (1 - part(z, 2 * z)) * free, atol=1e-9)
+    # Below 3 N the tool is about to lift.
+    assert_allclose(of_rising(3.0, 0.0), 0.0, atol=1e-9)
+    assert_allclose(of_rising(0.75, 0.0), 0.75 * free, atol=1e-9)
 
 
 def part(height, engage_height):

@@ -102,6 +102,9 @@ _STIFFNESS_REFUSED = int(StatusFlag.STIFFNESS_REFUSED)
 _TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
 # Distance by which the tool retreats from the surface after a stop because of its force, m.
 _RETREAT = 0.02
+# Desired normal force below which the feed-forward along the normal fades in, N: a tool that is
+# to lift has to leave the surface with the velocity of its target.
+_LEAST_PRESSING = 3.0
 
 
 @compiled
@@ -335,7 +338,10 @@ def _followed_target(
     """Return the motion to follow: a fraction of the target, the rest the held pose."""
     frame, target = frame_of(inputs), target_of(inputs)
     if inputs.desired_normal_force[0] > 0:
-        target = without_normal_feedforward(target, contact.engaged * contact.near)
+        pressing = min(inputs.desired_normal_force[0] / _LEAST_PRESSING, 1.0)
+        target = without_normal_feedforward(
+            target, contact.engaged * contact.near * pressing
+        )
     if fraction > 0:
         target = motion_in_world(target, frame.V, frame.A)
         if fraction < 1:
