@@ -24,7 +24,6 @@ from fmp_drake.primitives import FourierMovementPrimitive, save_skill
 from fmp_drake.primitives.data.channels import ROTATION_CHANNELS
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
-from fmp_drake.primitives.model.region import margin_of_means
 from fmp_drake.skills import learn_skill
 from fmp_drake.skills.description import skill_in_words, source_in_words
 from fmp_drake.skills.placement import load_as_recorded, load_on_board
@@ -135,7 +134,6 @@ def learn(
         console.print(f"wrote {skill.plot}")
     if skill.board is not None:
         scenario.skill.file = os.path.relpath(skill.out, skill.board.parent)
-        scenario.skill.margin = margin_of_means(learned, scenario.skill.margin)
         text = yaml_dump_typed(scenario, defaults=Scenario())  # type: ignore[no-untyped-call]
         write_text(skill.board, text)
         console.print(f"wrote {skill.board}")

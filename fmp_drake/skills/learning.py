@@ -24,7 +24,6 @@ from fmp_drake.primitives.data.channels import (
 )
 from fmp_drake.primitives.data.windows import demonstration_list
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
-from fmp_drake.primitives.model.region import margin_of_means
 from fmp_drake.skills.placement import load_on_board
 from fmp_drake.station import Scenario, models_dir
 
@@ -77,8 +76,7 @@ def scenario_skill(
     """Load or learn the skill of a scenario; arguments take precedence over it.
 
     With a `surface` the scenario's board becomes the one fitted to the demonstrations, and
-    `extra` channels are learned; see `load_on_board`. Its margin is then at least that of
-    `margin_of_means`.
+    `extra` channels are learned; see `load_on_board`.
 
     Returns
     -------
@@ -116,8 +114,6 @@ def scenario_skill(
         model=model or cast(ModelChoice, config.model),
         by_position=surface is not None,
     )
-    if surface is not None:
-        config.margin = margin_of_means(skill, config.margin)
     return skill, recordings, remarks
 
 

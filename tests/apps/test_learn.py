@@ -9,8 +9,6 @@ import pytest
 import recorded_files
 
 from fmp_drake.primitives import load_skill
-from fmp_drake.skills.learning import scenario_skill
-from fmp_drake.station import LoadScenario, Scenario
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -35,31 +33,6 @@ def test_poses_are_played_where_the_tool_moves_freely(command, outputs):
     stirring = REPOSITORY / "models" / "demonstrations" / "stirring.npz"
     result = command("learn", stirring, "--out", skill, "--n-components", 30)
     assert f"next: fmp-drake wipe --scenario stir --skill {skill}" in result.out
-
-
-def test_margin_of_the_written_board_contains_the_mean(command, outputs):
-    time = np.arange(0, 24, 0.05)
-    apart = np.where(time < 12, -0.05, 0.05)
-    line = [apart, 0.1 * np.sin(np.pi * time), 0 * time]
-    recordings = []
-    for name, part in (("a", time < 12), ("b", time >= 12)):
-        recordings.append(outputs / f"{name}.npz")
-        position = np.column_stack(line)[part]
-        np.savez(recordings[-1], time=time[part] - time[part][0], position=position)
-    skill, board = outputs / "skill.npz", outputs / "board.yaml"
-    command("learn", *recordings, "--out", skill, "--board", board, "--surface", "plane",
-            "--model", "mixture", "--n-components", 1)  # fmt: skip
-    margin = LoadScenario(board).skill.margin
-    assert 0.045 < margin < 0.06
-    scenario = Scenario()
-    scenario_skill(
-        scenario,
-        demonstrations=recordings,
-        surface="plane",
-        model="mixture",
-        n_components=1,
-    )
-    assert scenario.skill.margin == margin
 
 
 def test_options_set_window_and_components(command, make_npz, outputs):

@@ -17,7 +17,7 @@ from fmp_drake.primitives import (
     scale_tempo,
     transform_space,
 )
-from fmp_drake.primitives.model.region import DemonstratedRegion, margin_of_means
+from fmp_drake.primitives.model.region import DemonstratedRegion
 
 MARGIN = 0.02
 
@@ -51,18 +51,6 @@ def distance_to_segments(paths, points):
             along = np.linalg.norm(points - a - t[:, None] * (b - a), axis=1)
             nearest = np.minimum(nearest, along)
     return nearest
-
-
-def test_margin_contains_the_mean_of_two_paths_that_differ():
-    time = np.arange(200) / 20
-    line = 0.1 * np.column_stack([np.sin(2 * np.pi * time), 0 * time])
-    apart = [
-        Demonstration(time=time, values=line + y * np.eye(2)[1], units=("m", "m"))
-        for y in (-0.0302, 0.0302)
-    ]
-    skill = learned(*apart, n_components=1, model="mixture")
-    assert margin_of_means(skill, 0.02) == pytest.approx(0.031)
-    assert margin_of_means(skill, 0.05) == 0.05
 
 
 def test_distance_is_that_to_the_paths_and_not_to_their_samples(skill):

@@ -127,24 +127,6 @@ def automatic_margin(skill: "FourierMovementPrimitive") -> float | None:
     return _AUTOMATIC * width if skill.paths_ and width > 0 else None
 
 
-def margin_of_means(skill: "FourierMovementPrimitive", least: float) -> float:
-    """Return the margin within which the means of a skill's components lie, m.
-
-    The mean of few cycles that differ is far from each of them. With a smaller margin, no
-    sample could differ from the mean. The margin is in whole millimetres, rounded up.
-
-    Parameters
-    ----------
-    skill : FourierMovementPrimitive
-        With demonstrated paths in m.
-    least : float
-        Lower bound of the result, m.
-    """
-    means = [skill.synthesize(component.mean) for component in skill.components_]
-    farthest = np.max(DemonstratedRegion(skill, least).distance(means))
-    return max(least, float(np.ceil(1e3 * farthest) / 1e3))
-
-
 def densified(path: Array, spacing: float) -> Array:
     """Insert points into a path (N, D) so that neighbours are at most `spacing` apart."""
     change = np.diff(path, axis=0)
