@@ -13,7 +13,6 @@ FRONT_DOORS = (
     "runs",
     "plots",
     "film",
-    "experiments",
     "experiments.baselines",
     "experiments.benchmark",
     "experiments.trials",

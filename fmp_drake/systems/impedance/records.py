@@ -36,20 +36,6 @@ from fmp_drake.systems.impedance.supervision import (
     WatchdogState,
 )
 
-# Plain integers, because compiled functions take no enumerations.
-_CONTACT_LOST = int(StatusFlag.CONTACT_LOST)
-_ERROR_CLIPPED = int(StatusFlag.ERROR_CLIPPED)
-_FORCE_CONTROL = int(StatusFlag.FORCE_CONTROL)
-_FORCE_LIMITED = int(StatusFlag.FORCE_LIMITED)
-_JOINT_WALL = int(StatusFlag.JOINT_WALL)
-_NEAR_SINGULAR = int(StatusFlag.NEAR_SINGULAR)
-_OVERSPEED = int(StatusFlag.OVERSPEED)
-_PROTECTIVE_STOP = int(StatusFlag.PROTECTIVE_STOP)
-_RATE_LIMITED = int(StatusFlag.RATE_LIMITED)
-_RECOVER = int(StatusFlag.RECOVER)
-_SPEED_LIMITED = int(StatusFlag.SPEED_LIMITED)
-_TORQUE_LIMITED = int(StatusFlag.TORQUE_LIMITED)
-
 # Larger numbers count as errors.
 _LARGEST = 1e12
 
@@ -480,18 +466,18 @@ def status_of_update(
     array, shape (6,)
     """
     flags |= (
-        _PROTECTIVE_STOP * (watchdog.mode == STOPPED)
-        | _RECOVER * (watchdog.mode == RECOVERING)
-        | _ERROR_CLIPPED * law.clipped
-        | _NEAR_SINGULAR * law.near_singular
-        | _TORQUE_LIMITED * (limited.torque_scale < 1)
-        | _RATE_LIMITED * (limited.rate_scale < 1)
-        | _OVERSPEED * limited.overspeed
-        | _JOINT_WALL * limited.at_wall
-        | _SPEED_LIMITED * limited.too_fast
-        | _FORCE_CONTROL * force.closed
-        | _CONTACT_LOST * force.lost
-        | _FORCE_LIMITED * force.limited
+        StatusFlag.PROTECTIVE_STOP.value * (watchdog.mode == STOPPED)
+        | StatusFlag.RECOVER.value * (watchdog.mode == RECOVERING)
+        | StatusFlag.ERROR_CLIPPED.value * law.clipped
+        | StatusFlag.NEAR_SINGULAR.value * law.near_singular
+        | StatusFlag.TORQUE_LIMITED.value * (limited.torque_scale < 1)
+        | StatusFlag.RATE_LIMITED.value * (limited.rate_scale < 1)
+        | StatusFlag.OVERSPEED.value * limited.overspeed
+        | StatusFlag.JOINT_WALL.value * limited.at_wall
+        | StatusFlag.SPEED_LIMITED.value * limited.too_fast
+        | StatusFlag.FORCE_CONTROL.value * force.closed
+        | StatusFlag.CONTACT_LOST.value * force.lost
+        | StatusFlag.FORCE_LIMITED.value * force.limited
     )
     return np.array(
         (

@@ -92,14 +92,6 @@ STEP_TYPES = (
 )
 """Types of the arguments of `impedance_step`."""
 
-# Plain integers, because compiled functions take no enumerations.
-_NOT_FOUND = int(StatusFlag.NOT_FOUND)
-_NO_STATE = int(StatusFlag.NO_STATE)
-_NOT_FINITE = int(StatusFlag.NOT_FINITE)
-_PROTECTIVE_STOP = int(StatusFlag.PROTECTIVE_STOP)
-_SPEED_EXCEEDED = int(StatusFlag.SPEED_EXCEEDED)
-_STIFFNESS_REFUSED = int(StatusFlag.STIFFNESS_REFUSED)
-_TANK_EMPTY = int(StatusFlag.TANK_EMPTY)
 # Distance by which the tool retreats from the surface after a stop because of its force, m.
 _RETREAT = 0.02
 # Desired normal force below which the feed-forward along the normal fades in, N: a tool that is
@@ -215,10 +207,10 @@ def _next_torque(
     control, stopped = config.force_control, watchdog.mode == STOPPED
     contact = contact_of(control, settings.engage_height, stopped, inputs, X_TE.p)
     if contact.searching and is_beyond(control, state, contact.height):
-        flags |= _NOT_FOUND
+        flags |= StatusFlag.NOT_FOUND.value
     for i in range(len(arm.v)):
         if abs(arm.v[i]) > joints.limits.speed[i]:
-            flags |= _SPEED_EXCEEDED
+            flags |= StatusFlag.SPEED_EXCEEDED.value
     # In a stop, a tool below the assumed surface rises slowly to it, and the stop lasts
     # as long. The found surface is reset meanwhile.
     surface = memory.surface
@@ -311,7 +303,7 @@ def _checked_target(
 
     `rotation` expresses twists of W in T.
     """
-    flags, before = _NOT_FINITE, last_target(memory)
+    flags, before = StatusFlag.NOT_FINITE.value, last_target(memory)
     last = LastTarget(before.known, 0.0, before.X, np.zeros(3))
     if inputs.finite:
         frame = frame_of(inputs)
@@ -423,23 +415,23 @@ def next_stiffness(
         given, bounds = inputs.stiffness[:].reshape(6, 6), config.watchdog
         K = symmetric(given)
         if not is_positive_definite(given):
-            return present, energy, _STIFFNESS_REFUSED
+            return present, energy, StatusFlag.STIFFNESS_REFUSED.value
         for i in range(3):
             if (
                 K[i, i] > bounds.max_rotational_stiffness
                 or K[3 + i, 3 + i] > bounds.max_stiffness
             ):
-                return present, energy, _STIFFNESS_REFUSED
+                return present, energy, StatusFlag.STIFFNESS_REFUSED.value
     if inputs.has_covariance:
         covariance = inputs.covariance[:].reshape(3, 3)
         if not is_covariance(covariance):
-            return present, energy, _STIFFNESS_REFUSED
+            return present, energy, StatusFlag.STIFFNESS_REFUSED.value
         K = stiffness_from_covariance(config.covariance_stiffness, covariance, K)
     fraction = filter_fraction(config.control_period, config.stiffness_time_constant)
     K, energy, held_back = admit_stiffness(
         present, between(present, K, fraction), error, energy
     )
-    return K, energy, _TANK_EMPTY * held_back
+    return K, energy, StatusFlag.TANK_EMPTY.value * held_back
 
 
 @compiled
@@ -457,7 +449,7 @@ def _without_state(
     for i in range(3):
         record.rotation_error[i] = record.target_drift[i] = 0.0
     record.slow_force = record.fast_force = record.force_power = 0.0
-    flags = float(_PROTECTIVE_STOP | _NO_STATE)
+    flags = float(StatusFlag.PROTECTIVE_STOP.value | StatusFlag.NO_STATE.value)
     status = np.array((flags, 0.0, 1.0, rate_factor, 0.0, record.tank_energy))
     return (1 - rate_factor) * previous, status, after
 

@@ -16,11 +16,6 @@ from fmp_drake.systems.impedance.stiffness import filter_fraction
 # Modes of the watchdog. LOST is a stop at an unknown pose, after an unknown state.
 TRACKING, STOPPED, RECOVERING, LOST = range(4)
 
-_EXCESS_FORCE = int(StatusFlag.EXCESS_FORCE)
-_FORCE_OSCILLATION = int(StatusFlag.FORCE_OSCILLATION)
-_IMPLAUSIBLE = int(StatusFlag.IMPLAUSIBLE)
-_JUMP = int(StatusFlag.JUMP)
-_STALE = int(StatusFlag.STALE)
 # Slower targets, in m/s, may be constant up to rounding.
 _MIN_SPEED = 0.01
 # A target that moves by less than this fraction of its claimed velocity stands still.
@@ -178,7 +173,7 @@ def target_faults(
         or norm(A[3:]) > config.max_acceleration
         or norm(A[:3]) > config.max_angular_acceleration
     ):
-        flags |= _IMPLAUSIBLE
+        flags |= StatusFlag.IMPLAUSIBLE.value
     if last.known:
         shift = target.X.p - last.X.p
         moved = norm(shift)
@@ -186,12 +181,12 @@ def target_faults(
             moved > config.max_jump + speed * period
             or rotation_angle(target.X.R, last.X.R) > config.max_rotation
         ):
-            flags |= _JUMP
+            flags |= StatusFlag.JUMP.value
         else:
             drift += max(1 - period / config.max_age, 0.0) * last.drift
             drift += shift - period * V[3:]
         if norm(drift) > config.max_jump:
-            flags |= _IMPLAUSIBLE
+            flags |= StatusFlag.IMPLAUSIBLE.value
         if math.isnan(age):
             if speed > _MIN_SPEED:
                 frozen_time = last.frozen_time + period
@@ -201,11 +196,11 @@ def target_faults(
     else:
         shift = target.X.p - measured.p
         if norm(shift) > config.max_start_distance:
-            flags |= _JUMP
+            flags |= StatusFlag.JUMP.value
     if age > config.max_age:
-        flags |= _STALE
+        flags |= StatusFlag.STALE.value
     if age < -config.max_age:
-        flags |= _IMPLAUSIBLE
+        flags |= StatusFlag.IMPLAUSIBLE.value
     return flags, LastTarget(True, frozen_time, target.X, drift)
 
 
@@ -245,9 +240,9 @@ def force_faults(
     power = record.power + filter_fraction(period, _MEAN_TIME) * (power - record.power)
     flags = 0
     if fast > desired + config.max_excess_force:
-        flags |= _EXCESS_FORCE
+        flags |= StatusFlag.EXCESS_FORCE.value
     if power > config.max_force_oscillation**2:
-        flags |= _FORCE_OSCILLATION
+        flags |= StatusFlag.FORCE_OSCILLATION.value
     return flags, ForceRecord(slow, fast, power)
 
 
