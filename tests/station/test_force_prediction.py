@@ -1,10 +1,13 @@
-"""Facts about the predicted normal force of braked joints, against statics."""
+"""Facts about the predicted normal force of braked joints, against mechanics."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from fmp_drake.station.reach.force_prediction import predict_force_error
+from fmp_drake.station.reach.force_prediction import (
+    FeltContact,
+    predict_force_error,
+)
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.systems import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
@@ -20,6 +23,7 @@ LIMITS = JointLimits.between(
 )
 # Above 85 % of its speed a joint of 1 kg m² is braked by 100 Nm per rad/s.
 BRAKED_ABOVE, BRAKE = 1.7, 100.0
+FELT = 1e5  # N/m.
 # Of the axis of joint 4 from the board's x towards its normal.
 ANGLE = 0.4
 
@@ -49,9 +53,22 @@ def moving(v, *, samples=80, q=0.5):
     )
 
 
-def error(motion, **changes):
+def error(motion, *, force=50.0, felt=FELT, limits=LIMITS, lead=0.0, **changes):
+    """Return the error; the posture of joint 4 is ahead of the motion by `lead`, rad."""
+    contact, posture = FeltContact(force, felt), motion.q[0, 0].copy()
+    posture[3] += lead
     config = ImpedanceConfig(**changes)
-    return predict_force_error(config, LIMITS, motion, step=STEP)
+    return predict_force_error(
+        config, limits, motion, contact, q_posture=posture, step=STEP
+    )
+
+
+def heavy(mass, v=0.0, acceleration=0.0):
+    """Return a motion in which joint 4 moves a mass, kg, as at a singularity."""
+    motion = moving(v, samples=240)
+    motion.v[..., 3] += acceleration * STEP * np.arange(motion.v.shape[1])
+    motion.M[..., 3, 3] = mass
+    return motion
 
 
 @pytest.mark.parametrize("excess", [0.1, 0.2])
@@ -95,9 +112,7 @@ def test_a_joint_is_braked_before_its_limit_spring(side):
 
 def test_joints_without_limits_are_braked_by_their_speed():
     limits = LIMITS._replace(half_range=np.full(N, np.inf), middle=np.zeros(N))
-    config = ImpedanceConfig()
-    forces = predict_force_error(config, limits, moving(1.8), step=STEP)
-    assert_allclose(forces, error(moving(1.8)))
+    assert_allclose(error(moving(1.8), limits=limits), error(moving(1.8)))
 
 
 def test_control_of_the_normal_force_removes_a_lasting_error():
@@ -114,3 +129,53 @@ def test_a_singular_posture_has_finite_forces():
     motion = moving(1.8)
     motion.J[..., 4, :] = 0.0
     assert_allclose(error(motion), error(moving(1.8)), rtol=1e-6)
+
+
+def test_the_spring_of_the_arm_bears_a_part_if_the_felt_is_soft():
+    # It has 200 N/m along the normal.
+    forces = error(moving(1.8), felt=1000.0)[0]
+    assert forces[-1] == pytest.approx(error(moving(1.8))[0, -1] / 1.2, rel=0.01)
+
+
+@pytest.mark.parametrize("acceleration", [0.1, -0.1])
+def test_the_board_bears_the_force_that_a_bounded_inertia_lacks(acceleration):
+    # An eraser that is lowered too slowly relieves the board.
+    motion = heavy(1000.0, acceleration=acceleration)
+    forces = error(motion, force=200.0, posture_frequency=0.0)[0]
+    expected = (1000.0 - 300.0) * acceleration * np.sin(ANGLE)
+    assert_allclose(forces[-10:], expected, rtol=0.01)
+    motion = heavy(299.0 - 6 * 16.0, acceleration=acceleration)
+    assert np.all(error(motion, posture_frequency=0.0) == 0)
+
+
+@pytest.mark.parametrize(
+    ("lead", "v", "acceleration"),
+    [(0.1, 0.0, 25 * 0.1), (-2.0, 0.0, -25 * 0.5), (0.0, 0.5, -2 * 0.8 * 5 * 0.5)],
+)
+def test_the_posture_moves_an_eraser_of_bounded_inertia(lead, v, acceleration):
+    # Its acceleration is that of a spring with 5 rad/s, whose error is at most 0.5 rad.
+    forces = error(heavy(310.0, v), lead=lead, posture_damping_ratio=0.8)[0]
+    # The posture's spring, of 10 kg, acts against a deviation, too.
+    compliance = np.cos(ANGLE) ** 2 / 1500.0 + np.sin(ANGLE) ** 2 / FELT
+    force = -10.0 * acceleration / (1.0 + 10.0 * 25.0 * compliance)
+    assert_allclose(forces[-10:], force * np.sin(ANGLE), rtol=0.01)
+
+
+def test_an_eraser_without_contact_is_held_by_force_and_spring_only():
+    # The brake of 20 N lifts it with 7.8 N, against a normal force of 5 N.
+    motion, lift = moving(-1.9), BRAKE * 0.2 * np.sin(ANGLE)
+    height = -error(motion, force=5.0)[0, -1] / FELT
+    assert height == pytest.approx((lift - 5.0) / 200.0, rel=0.01)
+    kept = error(motion, force=8.0)[0, -1]
+    assert kept == pytest.approx(-lift, rel=0.01)
+    control = ForceControlConfig(enabled=True)
+    controlled = error(motion, force=5.0, force_control=control)
+    assert np.min(controlled) > -5.0
+
+
+def test_contact_returns_with_the_normal_force():
+    motion = moving(0.0)
+    motion.v[0, :20, 3] = -1.9
+    forces = error(motion, force=5.0)[0]
+    assert forces[19] < -5.0
+    assert abs(forces[-1]) < 0.01

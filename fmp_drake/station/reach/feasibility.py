@@ -20,7 +20,7 @@ from fmp_drake.station.reach.board_reach import (
     BoardReach,
     FollowingBounds,
 )
-from fmp_drake.station.reach.force_prediction import predict_force_error
+from fmp_drake.station.reach.force_prediction import disturbed_fraction
 from fmp_drake.station.reach.push_prediction import predict_lifts
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.station.scenario import ParseScenario, Scenario
@@ -63,9 +63,9 @@ class Feasibility:
         ``largest_speed_ratio`` and ``largest_torque_ratio`` to the joints' limits;
         ``braking_lag`` of the eraser by braked joints (rms, m); ``friction_lag`` (m);
         the predicted ``tracking_error`` (rms, m); ``unsteady_fraction`` of the samples at
-        which braked joints change the normal force by more than 5 N; ``push_deviation``, the
-        height to which scripted pushes lift the eraser off the board (m); and the
-        ``largest_tempo`` and ``largest_press`` (N) with which the check passes.
+        which braked joints or singularities change the normal force by more than 5 N;
+        ``push_deviation``, the height to which scripted pushes lift the eraser off the board
+        (m); and the ``largest_tempo`` and ``largest_press`` (N) with which the check passes.
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
         no clearance, friction and normal force; the angle needs rotation channels.
     start : array, shape (3,)
@@ -261,7 +261,7 @@ class _Check:
         values, missed = self._judge_reach(motion, clearance, link, lag)
         values |= self._judge_speed(motion, lag, lag_angle)
         values |= self._judge_force(motion)
-        values |= self._judge_steadiness(motion, float(values["largest_tempo"]))
+        values |= self._judge_contact(motion, posture, float(values["largest_tempo"]))
         values |= self._judge_pushes(motion)
         ratios = [
             f"{100 * values[name]:.0f} %"
@@ -491,17 +491,19 @@ class _Check:
             "largest_press": limit,
         }
 
-    def _judge_steadiness(self, motion: PredictedMotion, tempo: float) -> Values:
-        """Return how often braked joints disturb the normal force."""
+    def _judge_contact(self, motion: PredictedMotion, q: Array, tempo: float) -> Values:
+        """Return how often braked joints and singularities disturb the normal force."""
         if self._faults or not self._scenario.has_board:
             return {}
-        config, limits = self._scenario.impedance, self._reach.limits
-        error = predict_force_error(config, limits, motion, step=self._step)
-        fraction = float(np.mean(np.abs(error) > FORCE_TOLERANCE))
+        force, limits = float(np.max(self._force)), self._reach.limits
+        fraction = disturbed_fraction(
+            self._scenario, limits, motion, force, q_posture=q, step=self._step
+        )
         if fraction > self._bounds.unsteady:
             self._faults.append(
-                f"joints are braked, and on {100 * fraction:.1f} % of the path the normal "
-                f"force is off by more than {FORCE_TOLERANCE:g} N"
+                "joints are braked or nearly singular, and on "
+                f"{100 * fraction:.1f} % of the path the normal force is off by more than "
+                f"{FORCE_TOLERANCE:g} N"
             )
             self._slower = min(tempo, self._tempo)
         return {"unsteady_fraction": fraction}

@@ -1,34 +1,57 @@
-"""Prediction of the normal force on a board where joints are braked."""
+"""Prediction of the normal force where joints are braked, and near singularities."""
+
+from typing import NamedTuple
 
 import numpy as np
 
 from fmp_drake.numeric import Array
+from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion, times
+from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.systems import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import JointLimits, JointWallConfig
 
-# Stiffness of the board, N/m: far above that of the springs.
-_BOARD = 1e5
-# Smallest natural frequency of the end effector's modes, rad/s; it is zero at singularities.
-_SLOWEST_MODE = 0.1
-# Iterations of the set of braked joints at a sample.
+# Iterations of the set of braked joints at a sample, and of the contact.
 _ITERATIONS = 3
+# Smallest mobility, 1/kg; it is zero at singularities.
+_LEAST = 1e-9
+
+
+class FeltContact(NamedTuple):
+    """Desired contact of the felt with a board.
+
+    Attributes
+    ----------
+    force : float
+        Desired normal force, N.
+    stiffness : float
+        Of the felt along the normal, N/m.
+    """
+
+    force: float
+    stiffness: float
 
 
 def predict_force_error(
     config: ImpedanceConfig,
     limits: JointLimits,
     motion: PredictedMotion,
+    contact: FeltContact,
     *,
+    q_posture: Array,
     step: float,
 ) -> Array:
-    """Predict the error of the normal force where the controller brakes joints.
+    """Predict the error of the normal force where the law cannot follow the motion.
 
-    The deviations δ of the joints from the predicted motion obey the closed loop about it,
-    ``M δ̈ + (Jᵀ D J + 2 ζ ω N) δ̇ + (Jᵀ K J + ω² N) δ = τ`` with ``N = M − Jᵀ Λ J``. K
-    contains the board, which is stiff along its normal; τ is the torque of `wall_torque`
-    that brakes a joint above its allowed speed. An implicit Euler step leads from sample
-    to sample. The controller of the normal force reduces the error, if enabled.
+    The deviations δ of the joints from the predicted motion q obey the closed loop about
+    it, ``M δ̈ + (Jᵀ D J + 2 ζ ω N) δ̇ + (Jᵀ K J + ω² N) δ = τ + N (q̈ − a)`` with
+    ``N = M − Jᵀ Λ J``. τ is the torque of `wall_torque` that brakes a joint above its
+    allowed speed. Near a singularity the law bounds Λ and accelerates the eraser too
+    little: N (q̈ − a), where a is the acceleration of the posture. K contains the felt
+    along the normal, as long as there is contact. An implicit Euler step leads from sample
+    to sample. The controller of the normal force reduces the error, if enabled, and is
+    assumed to keep the contact.
 
     Parameters
     ----------
@@ -36,42 +59,92 @@ def predict_force_error(
     limits : JointLimits
     motion : PredictedMotion
         B paths of T samples on a board.
+    contact : FeltContact
+    q_posture : array, shape (n,)
+        The controller's posture, rad.
     step : float
         Time from sample to sample, s.
 
     Returns
     -------
     array, shape (B, T)
-        Actual minus desired normal force, N. The board cannot pull, so that contact is
-        lost where the error is less than minus the desired force.
+        Actual minus desired normal force, N. The board cannot pull: where the error is less
+        than minus the desired force, contact is lost.
     """
     error = np.zeros(motion.q.shape[:2])
     slowest, fastest = _allowed_speeds(config.walls, limits, motion.q)
-    paths = np.any((motion.v < slowest) | (motion.v > fastest), axis=(1, 2))
+    is_braked = np.any((motion.v < slowest) | (motion.v > fastest), axis=(1, 2))
+    # As in `task_modes`: the trace of the scaled Λ is more than its largest eigenvalue.
+    scale = _scale(config)
+    mobility = motion.J @ np.linalg.solve(motion.M, motion.J.mT) * scale * scale.T
+    inertia = np.trace(np.linalg.inv(mobility + _LEAST * np.eye(6)), axis1=-2, axis2=-1)
+    paths = is_braked | np.any(inertia > config.max_effective_mass, axis=1)
     if not np.any(paths):
         return error
-    M, J, v = motion.M[paths], motion.J[paths], motion.v[paths]
+    M, J, v, q = motion.M[paths], motion.J[paths], motion.v[paths], motion.q[paths]
     slowest, fastest = slowest[paths], fastest[paths]
-    damping, stiffness = _closed_loop(config, M, J)
+    damping, stiffness, N = _closed_loop(config, M, J, mobility[paths])
+    missing = np.gradient(v, step, axis=1) - _posture(config, q_posture - q, v)
+    missing = times(N, missing)
     brake = np.diagonal(M, axis1=-2, axis2=-1) / config.walls.braking_time
+    keeps_contact = config.force_control.enabled
     delta, speed = np.zeros((2, *v[:, 0].shape))
-    forces = []
+    is_closed, forces = np.ones(len(v), dtype=bool), []
     for k in range(v.shape[1]):
         inertia, viscous = M[:, k] / step**2, damping[:, k] / step
         A = inertia + viscous + stiffness[:, k]
-        b = times(inertia, delta + step * speed) + times(viscous, delta)
-        before, braked = delta, np.zeros_like(delta)
+        b = times(inertia, delta + step * speed) + times(viscous, delta) + missing[:, k]
+        normal = J[:, k, 5]
+        felt = contact.stiffness * normal[..., None] * normal[:, None]
+        before = delta
         for _ in range(_ITERATIONS):
             actual = v[:, k] - speed
             allowed = np.clip(actual, slowest[:, k], fastest[:, k])
             braked = np.where(allowed != actual, brake[:, k], 0.0)
-            excess = braked * (v[:, k] - allowed + before / step)
+            torque = braked * (v[:, k] - allowed + before / step)
+            torque += np.where(is_closed, 0.0, contact.force)[:, None] * normal
             diagonal = np.eye(v.shape[-1]) * (braked / step)[:, None]
-            delta = np.linalg.solve(A + diagonal, (b + excess)[..., None])[..., 0]
+            diagonal += is_closed[:, None, None] * felt
+            delta = np.linalg.solve(A + diagonal, (b + torque)[..., None])[..., 0]
             speed = (delta - before) / step
-        forces.append(_BOARD * np.sum(J[:, k, 5] * delta, axis=-1))
+            force = contact.stiffness * np.sum(normal * delta, axis=-1)
+            is_closed = (force >= -contact.force) | keeps_contact
+        forces.append(force)
     error[paths] = _controlled(config, np.stack(forces, axis=1), step)
     return error
+
+
+def disturbed_fraction(
+    scenario: Scenario,
+    limits: JointLimits,
+    motion: PredictedMotion,
+    force: float,
+    *,
+    q_posture: Array,
+    step: float,
+) -> float:
+    """Return the fraction of samples at which the normal force is off, or contact is lost.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With a board.
+    limits, motion, q_posture, step
+        As for `predict_force_error`.
+    force : float
+        Desired normal force, N.
+    """
+    felt = FeltForceLimit(scenario.eraser) / FELT_DEPTH
+    error = predict_force_error(
+        scenario.impedance,
+        limits,
+        motion,
+        FeltContact(force, felt),
+        q_posture=q_posture,
+        step=step,
+    )
+    least = -min(FORCE_TOLERANCE, force)
+    return float(np.mean((error > FORCE_TOLERANCE) | (error < least)))
 
 
 def _allowed_speeds(
@@ -94,20 +167,39 @@ def _allowed_speeds(
     return -behind, ahead
 
 
-def _closed_loop(config: ImpedanceConfig, M: Array, J: Array) -> tuple[Array, Array]:
-    """Return the damping and the stiffness of the joints on a board, (B, T, n, n)."""
-    K = np.diagonal(config.stiffness())
-    # Modes of the end effector, as in `task_modes`.
-    root = np.sqrt(K)[:, None]
-    values, U = np.linalg.eigh(root * (J @ np.linalg.solve(M, J.mT)) * root.T)
-    omega = np.sqrt(np.maximum(values, _SLOWEST_MODE**2))[..., None]
-    BJ = (root * U / omega.mT).mT @ J
+def _scale(config: ImpedanceConfig) -> Array:
+    """Return the lengths that make rotations comparable to translations, shape (6, 1)."""
+    length = config.characteristic_length
+    return np.array([[length]] * 3 + [[1.0]] * 3)
+
+
+def _posture(config: ImpedanceConfig, error: Array, v: Array) -> Array:
+    """Return the acceleration towards the posture, shape (B, T, n), rad/s²."""
+    omega, most = config.posture_frequency, config.max_posture_error
+    length = np.linalg.norm(error, axis=-1, keepdims=True)
+    error = error * (most / np.maximum(length, most))
+    return omega**2 * error - 2 * config.posture_damping_ratio * omega * v
+
+
+def _closed_loop(
+    config: ImpedanceConfig, M: Array, J: Array, mobility: Array
+) -> tuple[Array, Array, Array]:
+    """Return the damping and the stiffness of the joints in the air, and N, (B, T, n, n).
+
+    The modes are those of `task_modes`. Rotations of the mobility are scaled.
+    """
+    K, scale = np.diagonal(config.stiffness())[:, None], _scale(config)
+    values, U = np.linalg.eigh(mobility)
+    root = np.sqrt(np.maximum(values, 1 / config.max_effective_mass))[..., None, :]
+    H = U * root / scale
+    squared, V = np.linalg.eigh(H.mT @ (K * H))
+    omega = np.sqrt(np.maximum(squared, 0.0))[..., None]
+    BJ = (scale * U / root @ V).mT @ J
     N = M - BJ.mT @ BJ
     posture = config.posture_frequency
     damping = 2 * config.damping_ratio * BJ.mT @ (omega * BJ)
     damping += 2 * config.posture_damping_ratio * posture * N
-    board = K + np.array([0.0, 0.0, 0.0, 0.0, 0.0, _BOARD])
-    return damping, J.mT @ (board[:, None] * J) + posture**2 * N
+    return damping, J.mT @ (K * J) + posture**2 * N, N
 
 
 def _controlled(config: ImpedanceConfig, forces: Array, step: float) -> Array:
