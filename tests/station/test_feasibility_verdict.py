@@ -632,11 +632,12 @@ def test_a_push_that_lifts_the_eraser_is_refused_and_a_normal_force_helps(
     predicted.change = change
     scenario = Scenario()
     scenario.press.force = wanted
-    nudge, push = (Disturbance(duration=0.6, force=[9.0, 0, z]) for z in (12, 36))
+    push = Disturbance(duration=0.6, force=[9.0, 0, 36.0])
+    nudge = Disturbance(start=5.0, duration=0.6, force=[9.0, 0, 12.0])
     grasp = Disturbance(kind="grasp", duration=0.6, force=[0, 0, 80.0])
     scenario.disturbances = [nudge, push, grasp]
     found = CheckFeasibility(scenario, restless_skill)
-    lift = predict_lift(push, scenario.impedance, force=wanted, mass=4.0)
+    lift = predict_lift([push], scenario.impedance, force=wanted, mass=4.0)
     assert found.values["push_deviation"] == pytest.approx(lift)
     assert found.is_feasible == (remedy == "")
     if remedy:
@@ -648,7 +649,7 @@ def test_a_push_that_lifts_the_eraser_is_refused_and_a_normal_force_helps(
         assert wanted < force < 14
         bound = FollowingBounds().lift
         lifts = [
-            predict_lift(push, scenario.impedance, force=force - less, mass=4.0)
+            predict_lift([push], scenario.impedance, force=force - less, mass=4.0)
             for less in (0, 1)
         ]
         assert lifts[0] <= bound < lifts[1]

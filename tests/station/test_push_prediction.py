@@ -21,7 +21,7 @@ STIFF = ImpedanceConfig(translational_stiffness=[1500.0, 1500.0, 800.0])
 
 def lift(z, duration=0.5, *, force=10.0, config=STIFF, xy=0.0):
     push = Disturbance(duration=duration, force=[xy, -xy, z])
-    return predict_lift(push, config, force=force, mass=MASS)
+    return predict_lift([push], config, force=force, mass=MASS)
 
 
 @pytest.mark.parametrize("duration", [0.1, 0.3])
@@ -60,16 +60,32 @@ def pushed(*pushes, force):
     return predict_lifts(scenario, along_normal([0.5]), force=force, allowed=0.02)
 
 
-def push(z, kind="push"):
-    return Disturbance(kind=kind, duration=0.5, force=[0, 0, z])
+def push(z, kind="push", start=0.0, duration=0.5):
+    return Disturbance(kind=kind, start=start, duration=duration, force=[0, 0, z])
 
 
 def test_the_withstanding_force_is_the_smallest_one():
-    found = pushed(push(20.0), push(40.0), push(30.0), push(60.0, "grasp"), force=10.0)
-    assert found.lift == lift(40.0)
+    pushes = push(20.0), push(40.0, start=9.0), push(30.0, start=5.0)
+    found = pushed(*pushes, push(60.0, "grasp"), force=10.0)
+    assert found.lift == pytest.approx(lift(40.0), rel=0.01)
     assert found.push == 40
     force = found.withstanding
     assert lift(40.0, force=force) <= 0.02 < lift(40.0, force=force - 0.2)
+
+
+def test_forces_of_pushes_at_the_same_time_add_up():
+    # As in a run in which 32 and 35 N together lifted the eraser by 33 cm.
+    both = pushed(push(18.0, start=2.0), push(22.0, start=2.0), force=10.0)
+    assert both.lift == pytest.approx(lift(40.0), rel=0.01)
+    assert both.push == 40
+    assert lift(40.0, force=both.withstanding) <= 0.021
+    # One that ends holds the eraser down no longer.
+    held = pushed(push(50.0), push(-45.0, duration=0.3), force=10.0)
+    assert held.push == 50
+    assert held.lift == pytest.approx(lift(50.0, 0.2), rel=0.02)
+    # The second one begins while the eraser is still up.
+    later = pushed(push(30.0), push(30.0, start=0.45), force=10.0)
+    assert lift(30.0) < later.lift < lift(60.0)
 
 
 def test_a_normal_force_that_withstands_is_enough():

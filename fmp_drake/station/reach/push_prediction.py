@@ -1,6 +1,7 @@
 """Prediction of how far scripted pushes lift the eraser off a board."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,17 +25,18 @@ def normal_mass(motion: PredictedMotion) -> float:
 
 
 def predict_lift(
-    push: Disturbance, config: ImpedanceConfig, *, force: float, mass: float
+    pushes: Sequence[Disturbance], config: ImpedanceConfig, *, force: float, mass: float
 ) -> float:
-    """Predict how far a push lifts the eraser off the board.
+    """Predict how far pushes lift the eraser off the board.
 
     The eraser is a mass on the spring and the damper along the normal,
-    ``m z̈ + D ż + K z = f − F``, above the board at z = 0. The normal force F of the
-    controller is that of an approach: up to twice the desired one far from the board.
+    ``m z̈ + D ż + K z = f − F``, above the board at z = 0. f is the sum of the pushes at
+    that time. The normal force F of the controller is that of an approach: up to twice the
+    desired one far from the board.
 
     Parameters
     ----------
-    push : Disturbance
+    pushes : sequence of Disturbance
     config : ImpedanceConfig
     force : float
         Desired normal force, N.
@@ -44,21 +46,31 @@ def predict_lift(
     Returns
     -------
     float
-        m; zero for a push that the normal force withstands.
+        Greatest height, m; zero for pushes that the normal force withstands.
     """
     control = values_of(config.force_control)
     stiffness = config.translational_stiffness[2]
     damping = 2 * config.damping_ratio * math.sqrt(stiffness * mass)
-    time = z = speed = 0.0
-    while time < push.duration or speed > 0:
-        total = push.force[2] if time < push.duration else 0.0
-        total -= force * approach_factor(control, 0.0, z, -speed)
+    end = max(push.start + push.duration for push in pushes)
+    time = z = speed = highest = 0.0
+    while time < end or speed > 0:
+        active = _active(pushes, time)
+        if not active and z == 0:  # On the board until the next push.
+            time = min(push.start for push in pushes if push.start > time)
+            continue
+        total = sum(active) - force * approach_factor(control, 0.0, z, -speed)
         speed += _STEP * (total - damping * speed - stiffness * z) / mass
         z += _STEP * speed
         if z < 0:
             z = speed = 0.0
+        highest = max(highest, z)
         time += _STEP
-    return z
+    return highest
+
+
+def _active(pushes: Sequence[Disturbance], time: float) -> list[float]:
+    """Return the forces along the normal of the pushes at a time, N."""
+    return [p.force[2] for p in pushes if p.start <= time < p.start + p.duration]
 
 
 class LiftPrediction(NamedTuple):
@@ -69,7 +81,7 @@ class LiftPrediction(NamedTuple):
     lift : float
         Greatest height, m.
     push : float
-        Force along the normal that lifts the eraser so high, N.
+        Largest sum of the pushes along the normal at one time, N.
     withstanding : float
         Smallest normal force at which no push lifts the eraser higher than allowed, N.
     """
@@ -98,16 +110,15 @@ def predict_lifts(
         return LiftPrediction(0.0, 0.0, force)
     mass = normal_mass(motion)
 
-    def lifts(force: float) -> list[float]:
-        config = scenario.impedance
-        return [predict_lift(p, config, force=force, mass=mass) for p in pushes]
+    def lift(force: float) -> float:
+        return predict_lift(pushes, scenario.impedance, force=force, mass=mass)
 
-    heights = lifts(force)
-    low = high = force
-    if max(heights) > allowed:
-        high = max(push.force[2] for push in pushes)
+    highest, low, high = lift(force), force, force
+    changes = [p.start + seconds for p in pushes for seconds in (0.0, p.duration)]
+    largest = max(sum(_active(pushes, time)) for time in changes)
+    if highest > allowed:
+        high = largest
     while high - low > _PRECISION:
         middle = (low + high) / 2
-        low, high = (middle, high) if max(lifts(middle)) > allowed else (low, middle)
-    highest = int(np.argmax(heights))
-    return LiftPrediction(heights[highest], pushes[highest].force[2], high)
+        low, high = (middle, high) if lift(middle) > allowed else (low, middle)
+    return LiftPrediction(highest, largest, high)
