@@ -1,12 +1,12 @@
 """Search for the rhythm of recordings: period, bouts and phase of each sample."""
 
+import contextlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import binary_erosion
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array, Indices, Mask
@@ -21,6 +21,7 @@ from fmp_drake.primitives.data.windows import (
     cut_demonstrations,
     demonstration_list,
 )
+from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.loops import join_loops
 from fmp_drake.primitives.model.phase.period import (
     local_periods,
@@ -30,13 +31,14 @@ from fmp_drake.primitives.model.phase.period import (
 from fmp_drake.primitives.model.phase.rhythm import (
     Part,
     Rhythm,
-    cyclic_samples,
-    other_samples,
-    recurrent_samples,
-    runs,
     trend,
-    without_ends,
-    without_short,
+)
+from fmp_drake.primitives.model.phase.segmentation import (
+    BACKWARDS,
+    FORWARDS,
+    OUTSIDE,
+    runs,
+    segment,
 )
 from fmp_drake.primitives.model.phase.self_alignment import (
     aligned_period,
@@ -44,7 +46,6 @@ from fmp_drake.primitives.model.phase.self_alignment import (
 )
 from fmp_drake.primitives.model.phase.tracking import (
     PhaseTrack,
-    first_cycle,
     track_phase,
 )
 
@@ -68,18 +69,22 @@ _LIMITS = (_Limits(4.0, 0.05), _Limits(1.25, 0.15), _Limits(3.0, 0.1))
 _MOST_SHIFTED = 0.5
 # Bounds of the mean phase velocity relative to its initial estimate.
 _VELOCITIES = (0.6, 1.6)
-# Greatest relative difference of two equal periods, and of two estimates of one period.
-_SAME, _NEAR = 0.05, 0.25
+# Greatest relative difference of two equal periods, of a period and its initial estimate
+# that leads to no other, and of two estimates of one period.
+_SAME, _SIMILAR, _NEAR = 0.05, 0.15, 0.25
 # Samples.
 _SHORTEST_BOUT = 12
-# Least extension of a bout beyond aligned samples, in periods.
-_LEAST_EXTENSION = 0.6
-# Least duration of another movement or of reversed motion, in periods.
+# Shortest bout, in periods, and harmonics of its initial cycle.
+_LEAST_BOUT, _HARMONICS = 0.5, 6
+# Least duration of another movement, in periods.
 _LEAST_OTHER = 1.5
-# Speed at rest relative to that of the movement, the samples over which it is measured, and
-# the least fraction of a pause at rest.
-_REST, _REST_LAG, _PAUSE_FRACTION = 0.15, 8, 0.5
-_BOUT, _LEFT_OUT, _BACKWARDS, _OTHER = range(4)
+# Quantile of the distances of a lift from its median place, and their least value in sizes.
+_AWAY_QUANTILE, _AWAY = 0.75, 0.2
+_OTHER = 3
+_KINDS = {FORWARDS: "bout", BACKWARDS: "backwards", _OTHER: "another movement"}
+# Misfit of a sample that is left out, and the parts left out per cycle above which other
+# periods are tried.
+_LEFT_OUT_MISFIT, _LEAST_GAPS = 0.13, 0.5
 # Noise of a channel that the phase ignores: least fraction of its own variance, and of the
 # variance of all channels.
 _NOISE, _POWER = 0.5, 0.02
@@ -116,6 +121,16 @@ class _Attempt(NamedTuple):
     labels: list[Indices]
     track: PhaseTrack
     period: float
+
+    @property
+    def bouts(self) -> list[Mask]:
+        """Masks (n,) of the samples in bouts."""
+        return [label == FORWARDS for label in self.labels]
+
+    @property
+    def samples(self) -> int:
+        """Number of samples in bouts."""
+        return sum(map(np.count_nonzero, self.bouts))
 
 
 def find_rhythm(
@@ -265,17 +280,38 @@ def _search(
 ) -> TrackedRhythm:
     """Find the rhythm of some columns of recordings; see `search_rhythm`."""
     recordings = [np.ascontiguousarray(y[:, columns]) for y in all_channels]
-    attempts = _attempts(recordings, _candidates(recordings, rate, period))
+    best, limits = _best_attempt(
+        recordings, _candidates(recordings, rate, period), is_known=period is not None
+    )
+    labels, other = _with_other_movement(recordings, best, rate)
+    if period is None and other and other.samples > best.samples:
+        # The longer movement is the one that is learned.
+        longer = _attempt(recordings, other.track.period)
+        if longer and longer.samples > best.samples and not _objection(longer, limits):
+            best = longer
+            labels, _ = _with_other_movement(recordings, best, rate)
+    rhythm, track = _rhythm(recordings, best.track, labels, rate), best.track
+    if len(columns) < all_channels[0].shape[1]:
+        track = track.with_channels(_cut(all_channels, best.bouts))
+    misfit = 0.0 if limits is _LIMITS[0] else _misfit(best) / best.track.cycles
+    return TrackedRhythm(rhythm, track, all_channels, misfit)
+
+
+def _best_attempt(
+    recordings: Sequence[Array], candidates: Iterable[float], *, is_known: bool
+) -> tuple[_Attempt, _Limits]:
+    """Return the attempt that explains the recordings best, and the limits it satisfies."""
+    attempts = _attempts(recordings, candidates, is_known=is_known)
     limits = _LIMITS[0]
     acceptable = [a for a in attempts if not _objection(a, limits)]
-    if not acceptable:
+    if not acceptable and not is_known:
         limits = _LIMITS[1]
-        likely = aligned_period(recordings) if period is None else period * rate
-        attempt = likely and _attempt(recordings, likely, by_alignment=True)
+        likely = aligned_period(recordings)
+        attempt = _attempt(recordings, likely) if likely else None
         if attempt and not _objection(attempt, limits):
             acceptable = [attempt]
     if not acceptable:
-        limits = _LIMITS[2] if period is None else _LIMITS[1]
+        limits = _LIMITS[1] if is_known else _LIMITS[2]
         acceptable = [a for a in attempts if not _objection(a, limits)]
     if not acceptable:
         refusals = [
@@ -287,14 +323,14 @@ def _search(
             else "no part of it comes again in another cycle; record at least two "
             "full cycles."
         )
-    best = min(acceptable, key=lambda attempt: _misfit(attempt.track))
+    best = min(acceptable, key=_cost)
     if limits is _LIMITS[2]:
         # With few cycles, choose the shortest period among those of similar misfit.
-        most = max(_CLEAR_MISFIT, _MISFIT_RATIO * _misfit(best.track))
-        comparable = [a for a in acceptable if _misfit(a.track) <= most]
+        most = max(_CLEAR_MISFIT, _MISFIT_RATIO * _misfit(best))
+        comparable = [a for a in acceptable if _misfit(a) <= most]
         best = max(comparable, key=lambda attempt: attempt.track.cycles)
-    while period is None and (n := best.track.cycle.repetitions(_CLEAR_MISFIT)) > 1:
-        attempt = _attempt(recordings, 2 * np.pi / best.track.velocity / n)
+    while not is_known and (n := best.track.cycle.repetitions(_CLEAR_MISFIT)) > 1:
+        attempt = _attempt(recordings, best.track.period / n)
         if (
             attempt is None
             or _objection(attempt, limits)
@@ -302,35 +338,82 @@ def _search(
         ):
             break
         best = attempt
-    rhythm, track = _rhythm(recordings, best, rate), best.track
-    if len(columns) < all_channels[0].shape[1]:
-        bouts = _cut(all_channels, [label == _BOUT for label in best.labels])
-        track = track.with_channels(bouts)
-    misfit = 0.0 if limits is _LIMITS[0] else _misfit(best.track) / best.track.cycles
-    return TrackedRhythm(rhythm, track, all_channels, misfit)
+    return best, limits
 
 
 def _attempts(
-    recordings: Sequence[Array], candidates: Iterable[float]
+    recordings: Sequence[Array], candidates: Iterable[float], *, is_known: bool
 ) -> list[_Attempt]:
     """Attempt candidates of the period until one explains the recordings clearly."""
-    attempts = []
+    attempts: list[_Attempt] = []
     for candidate in candidates:
-        attempt = _attempt(recordings, candidate)
+        # An attempt finds the same cycle from similar periods.
+        if any(abs(candidate / a.track.period - 1) < _SIMILAR for a in attempts):
+            continue
+        attempt = _attempt(recordings, candidate, is_known=is_known)
         if attempt is None:
             continue
         attempts.append(attempt)
-        clear = _misfit(attempt.track) <= _CLEAR_MISFIT
+        is_most = attempt.samples > sum(map(len, recordings)) / 2
+        # What is left out in each cycle is a part of it, and the period is another one.
+        gaps = sum(len(runs(mask)) for mask in attempt.bouts) - len(recordings)
+        is_whole = gaps < _LEAST_GAPS * attempt.track.cycles
+        clear = is_most and is_whole and _misfit(attempt) <= _CLEAR_MISFIT
         if clear and not _objection(attempt, _LIMITS[0]):
             break
     return attempts
 
 
-def _misfit(track: PhaseTrack) -> float:
+def _cost(attempt: _Attempt) -> float:
+    """Return the mean misfit of all samples, in bouts and beside them."""
+    fraction = attempt.samples / sum(map(len, attempt.labels))
+    return fraction * _misfit(attempt) + (1 - fraction) * _LEFT_OUT_MISFIT
+
+
+def _with_other_movement(
+    recordings: Sequence[Array], attempt: _Attempt, rate: float
+) -> tuple[list[Indices], _Attempt | None]:
+    """Return labels (n,) with those of another movement, and the attempt at that.
+
+    It is the rhythm of the parts that are left out, if they have one.
+    """
+    labels = [label.copy() for label in attempt.labels]
+    parts = [
+        (y[a:b], label[a:b])
+        for y, label in zip(recordings, labels, strict=True)
+        for a, b in runs(label == OUTSIDE)
+        if b - a >= _LEAST_OTHER * attempt.period
+    ]
+    other = None
+    if parts:
+        values = [value for value, _ in parts]
+        with contextlib.suppress(DemonstrationError):
+            candidates = _candidates(values, rate, None)
+            other, _ = _best_attempt(values, candidates, is_known=False)
+            for (_, label), found in zip(parts, other.labels, strict=True):
+                label[found != OUTSIDE] = _OTHER
+    # Transitions between two movements, or directions, are short.
+    shortest = max(_SHORTEST_BOUT, round(attempt.period))
+    for label in labels:
+        for a, b in runs(label == OUTSIDE):
+            if a == 0 or b == len(label) or b - a >= shortest:
+                continue
+            before, after = int(label[a - 1]), int(label[b])
+            if {before, after} == {FORWARDS, BACKWARDS}:
+                # A movement slows down before the turn as long as it accelerates after it.
+                label[a : (a + b) // 2] = before
+                label[(a + b) // 2 : b] = after
+            elif {before, after} != {FORWARDS}:
+                label[a:b] = max(before, after)
+    return labels, other
+
+
+def _misfit(attempt: _Attempt) -> float:
     """Return the fraction of unexplained variance, with a penalty for large shifts.
 
     The mean of n cycles explains 1 / n of any variance, which is corrected for.
     """
+    track = attempt.track
     explainable = 1 - 1 / max(track.cycles, _LIMITS[1].cycles)
     return (track.unexplained + track.shifted**2 / 4) / explainable
 
@@ -345,7 +428,7 @@ def _candidates(
     local = local_periods(recordings)
     bouts = list(recordings)
     if local:
-        masks = recurrent_samples(recordings, local[0])
+        masks = aligned_samples(recordings, local[0])
         bouts = _cut(recordings, masks) or bouts
     try:
         estimates = possible_periods(bouts)
@@ -367,77 +450,48 @@ def _candidates(
 def _cut(recordings: Sequence[Array], masks: Sequence[Mask]) -> list[Array]:
     """Return the segments of recordings where masks are true."""
     return [
-        y[a:b]
-        for y, mask in zip(recordings, masks, strict=True)
-        for a, b in runs(mask)
-        if b - a >= _SHORTEST_BOUT
+        y[a:b] for y, mask in zip(recordings, masks, strict=True) for a, b in runs(mask)
     ]
 
 
 def _attempt(
-    recordings: Sequence[Array], period: float, *, by_alignment: bool = False
+    recordings: Sequence[Array], period: float, *, is_known: bool = False
 ) -> _Attempt | None:
-    """Track the phase of the bouts for a period; None where there are no bouts.
+    """Segment recordings and track the phase of the bouts; None where there are none.
 
-    The cycle is that of recurrent samples, or by alignment, which few cycles need.
+    With a known period, everything that repeats, or all, is a bout where one cycle is not
+    found.
     """
     aligned = aligned_samples(recordings, period)
-    masks = aligned if by_alignment else recurrent_samples(recordings, period)
-    bouts = _cut(recordings, masks)
-    if max(map(len, bouts), default=0) < period + 1:
-        return None
-    cycle = first_cycle(bouts, period)
-    # Another movement, or reversed motion, is long enough to be a rhythm itself.
-    excluded = [
-        (
-            without_short(reverse & m, _LEAST_OTHER * period),
-            without_short(other & m, _LEAST_OTHER * period),
-        )
-        for (reverse, other), m in zip(
-            other_samples(recordings, cycle, period), masks, strict=True
-        )
-    ]
-    excluded_masks = [reverse | other for reverse, other in excluded]
-    masks = [m & ~x for m, x in zip(masks, excluded_masks, strict=True)]
-    # They are smoothed over a period, so the bouts may end half a period later.
-    half = max(1, round(period / 2))
-    excluded_masks = [
-        binary_erosion(x, iterations=half, border_value=1) for x in excluded_masks
-    ]
-    bouts = _cut(recordings, masks)
-    if max(map(len, bouts), default=0) < period + 1:
-        return None
+    segmentation = segment(recordings, aligned, period)
+    cycle = None
+    if segmentation is not None:
+        labels = segmentation.labels
+        shortest = max(_SHORTEST_BOUT, _LEAST_BOUT * period)
+        for label in labels:
+            for a, b in runs(label == FORWARDS):
+                if b - a < shortest:
+                    label[a:b] = OUTSIDE
+        masks = [label == FORWARDS for label in labels]
+        phases, bouts = _cut(segmentation.phases, masks), _cut(recordings, masks)
+        cycle = _initial_cycle(phases, bouts, period) if bouts else None
+    if cycle is None or max(map(len, bouts)) < period + 1:
+        if not is_known:
+            return None
+        labels = [np.where(mask, FORWARDS, OUTSIDE) for mask in aligned]
+        bouts, cycle = _cut(recordings, aligned), None
+        if max(map(len, bouts), default=0) < period + 1:
+            return None
     track = track_phase(bouts, period=period, cycle=cycle)
-    refined_masks = cyclic_samples(recordings, masks, track.cycle, track.velocity)
-    refined_masks = [
-        without_ends(mask & ~excluded_mask, samples, _LEAST_EXTENSION * period)
-        for mask, excluded_mask, samples in zip(
-            refined_masks, excluded_masks, aligned, strict=True
-        )
-    ]
-    refined_bouts = _cut(recordings, refined_masks)
-    if not refined_bouts:
-        return None
-    if [len(y) for y in refined_bouts] != [len(y) for y in bouts]:
-        track = track_phase(
-            refined_bouts, period=2 * np.pi / track.velocity, cycle=track.cycle
-        )
-    labels = []
-    for mask, (reverse, other) in zip(refined_masks, excluded, strict=True):
-        label = np.where(mask, _BOUT, _LEFT_OUT)
-        for a, b in runs(mask):
-            if b - a < _SHORTEST_BOUT:
-                label[a:b] = _LEFT_OUT
-        label[reverse & (label != _BOUT)] = _BACKWARDS
-        label[other & (label != _BOUT)] = _OTHER
-        # A short transition to another movement is not a pause.
-        shortest = max(_SHORTEST_BOUT, period)
-        for a, b in runs(label == _LEFT_OUT):
-            neighbours = {int(x) for x in (*label[a - 1 : a], *label[b : b + 1])}
-            if b - a < shortest and neighbours - {_BOUT}:
-                label[a:b] = max(neighbours)
-        labels.append(label)
     return _Attempt(labels, track, period)
+
+
+def _initial_cycle(
+    phases: Sequence[Array], bouts: Sequence[Array], period: float
+) -> Cycle:
+    """Return the cycle of bouts (n, D) at phases (n,), of few harmonics."""
+    harmonics = max(1, min(_HARMONICS, int(period / 2 - 2)))
+    return Cycle.fit(np.concatenate(phases), np.concatenate(bouts), harmonics=harmonics)
 
 
 def _objection(attempt: _Attempt, limits: _Limits) -> str:
@@ -455,7 +509,7 @@ def _objection(attempt: _Attempt, limits: _Limits) -> str:
             f"the centre of its cycles wanders, which makes {100 * track.shifted:.0f} % of its "
             f"variance; the phase model needs at most {100 * _MOST_SHIFTED:.0f} %."
         )
-    period = 2 * np.pi / track.velocity
+    period = track.period
     if not _VELOCITIES[0] < attempt.period / period < _VELOCITIES[1]:
         return (
             f"it seems to repeat after {attempt.period:.0f} samples, but its cycles last "
@@ -464,23 +518,25 @@ def _objection(attempt: _Attempt, limits: _Limits) -> str:
     return ""
 
 
-def _rhythm(recordings: Sequence[Array], attempt: _Attempt, rate: float) -> Rhythm:
-    """Return the rhythm of an attempt."""
-    track = attempt.track
+def _rhythm(
+    recordings: Sequence[Array],
+    track: PhaseTrack,
+    labels: Sequence[Indices],
+    rate: float,
+) -> Rhythm:
+    """Return the rhythm of a track and of labels (n,) of all samples."""
     history = track.history
-    speed = np.sqrt(
-        np.mean([np.mean(np.sum(np.diff(y, axis=0) ** 2, 1)) for y in track.recordings])
-    )
+    points = np.concatenate(track.recordings)
+    size = float(np.sqrt(points.var(axis=0).sum()))
     parts = []
-    for i, (y, label) in enumerate(zip(recordings, attempt.labels, strict=True)):
+    for i, (y, label) in enumerate(zip(recordings, labels, strict=True)):
         edges = [0, *(np.flatnonzero(np.diff(label)) + 1).tolist(), len(label)]
         for a, b in pairwise(edges):
-            kind = _kind(y, label, a, b, float(speed))
+            kind = _kind(y, label, a, b, size)
             parts.append(Part(recording=i, start=a / rate, end=b / rate, kind=kind))
     bouts, left_out = _split_kinds(parts)
-    points = np.concatenate(track.recordings)
     return Rhythm(
-        period=2 * np.pi / track.velocity / rate,
+        period=track.period / rate,
         cycles=track.cycles,
         bouts=bouts,
         left_out=left_out,
@@ -496,22 +552,15 @@ def _split_kinds(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, .
     return bouts, tuple(part for part in parts if part.kind != "bout")
 
 
-def _kind(values: Array, label: Indices, start: int, end: int, speed: float) -> str:
+def _kind(values: Array, label: Indices, start: int, end: int, size: float) -> str:
     """Return the kind of a segment of a recording; see `Part`."""
-    if label[start] == _BOUT:
-        return "bout"
-    if label[start] == _BACKWARDS:
-        return "backwards"
-    if label[start] == _OTHER or not np.any(label == _BOUT):
-        return "another movement"
+    if label[start] != OUTSIDE:
+        return _KINDS[label[start]]
     if start == 0:
         return "approach"
     if end == len(values):
         return "retreat"
-    # Over several samples the noise of a sensor is smaller than a movement.
-    lag = max(1, min(_REST_LAG, (end - start) // 3))
-    steps = np.linalg.norm(
-        values[start + lag : end] - values[start : end - lag], axis=1
-    )
-    is_pause = np.mean(steps < _REST * speed * lag) > _PAUSE_FRACTION
-    return "pause" if is_pause or end - start == 1 else "lift"
+    part = values[start:end]
+    distances = np.linalg.norm(part - np.median(part, axis=0), axis=1)
+    is_away = np.quantile(distances, _AWAY_QUANTILE) > _AWAY * size
+    return "lift" if is_away else "pause"

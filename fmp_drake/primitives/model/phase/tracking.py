@@ -63,6 +63,11 @@ class PhaseTrack:
         return total / sum(len(p) - 1 for p in self.phases)
 
     @property
+    def period(self) -> float:
+        """The mean duration of a cycle, samples."""
+        return 2 * np.pi / self.velocity
+
+    @property
     def cycles(self) -> float:
         """The number of cycles."""
         return sum(float(p[-1] - p[0]) for p in self.phases) / (2 * np.pi)
@@ -159,6 +164,11 @@ def track_phase(
 
 def first_cycle(recordings: Recordings, period: float) -> Cycle:
     """Return the segment of one period that is most similar to all others, as a cycle."""
+    return first_cycles(recordings, period, most=1)[0]
+
+
+def first_cycles(recordings: Recordings, period: float, *, most: int) -> list[Cycle]:
+    """Return disjoint segments of one period, those most similar to all others first."""
     size = round(period)
     pieces = np.concatenate(
         [
@@ -169,17 +179,24 @@ def first_cycle(recordings: Recordings, period: float) -> Cycle:
             if len(y) >= size
         ]
     )
-    candidates = pieces[:: max(1, size // 4, len(pieces) // 400)]
+    starts = np.arange(0, len(pieces), max(1, size // 4, len(pieces) // 400))
+    candidates = pieces[starts]
     # Squared distances of each candidate to every piece.
     squares = np.sum(pieces**2, axis=1)
     distance = squares[:, None] - 2 * pieces @ candidates.T
     distance += np.sum(candidates**2, axis=1)
     whole_size = len(pieces) // size * size or len(pieces)
     distance = distance[:whole_size].reshape(-1, min(size, whole_size), len(candidates))
-    best = candidates[int(np.argmin(np.median(distance.min(axis=1), axis=0)))]
+    typical_distance = np.median(distance.min(axis=1), axis=0)
     phase = np.asarray(2 * np.pi * np.arange(size) / period, dtype=float)
-    values: Array = best.reshape(-1, size).T
-    return Cycle.fit(phase, values, harmonics=max(1, min(_HARMONICS[0], size // 2 - 2)))
+    harmonics = max(1, min(_HARMONICS[0], size // 2 - 2))
+    cycles: list[Cycle] = []
+    while len(cycles) < most and np.isfinite(typical_distance).any():
+        best = int(np.argmin(typical_distance))
+        typical_distance[np.abs(starts - starts[best]) < size] = np.inf
+        values: Array = candidates[best].reshape(-1, size).T
+        cycles.append(Cycle.fit(phase, values, harmonics=harmonics))
+    return cycles
 
 
 def phase_path(
