@@ -82,9 +82,10 @@ _LEAST_OTHER = 1.5
 _AWAY_QUANTILE, _AWAY = 0.75, 0.2
 _OTHER = 3
 _KINDS = {FORWARDS: "bout", BACKWARDS: "backwards", _OTHER: "another movement"}
-# Misfit of a sample that is left out, and the parts left out per cycle above which other
-# periods are tried.
-_LEFT_OUT_MISFIT, _LEAST_GAPS = 0.13, 0.5
+# Misfit of a sample that is left out.
+_LEFT_OUT_MISFIT = 0.13
+# Parts left out, in all and per cycle, that are parts of each cycle of another period.
+_LEAST_GAPS, _GAPS_PER_CYCLE = 3, 0.8
 # Noise of a channel that the phase ignores: least fraction of its own variance, and of the
 # variance of all channels.
 _NOISE, _POWER = 0.5, 0.02
@@ -126,6 +127,11 @@ class _Attempt(NamedTuple):
     def bouts(self) -> list[Mask]:
         """Masks (n,) of the samples in bouts."""
         return [label == FORWARDS for label in self.labels]
+
+    @property
+    def gaps(self) -> int:
+        """Number of parts that are left out between bouts."""
+        return sum(max(0, len(runs(mask)) - 1) for mask in self.bouts)
 
     @property
     def samples(self) -> int:
@@ -355,10 +361,7 @@ def _attempts(
             continue
         attempts.append(attempt)
         is_most = attempt.samples > sum(map(len, recordings)) / 2
-        # What is left out in each cycle is a part of it, and the period is another one.
-        gaps = sum(len(runs(mask)) for mask in attempt.bouts) - len(recordings)
-        is_whole = gaps < _LEAST_GAPS * attempt.track.cycles
-        clear = is_most and is_whole and _misfit(attempt) <= _CLEAR_MISFIT
+        clear = is_most and _misfit(attempt) <= _CLEAR_MISFIT
         if clear and not _objection(attempt, _LIMITS[0]):
             break
     return attempts
@@ -509,6 +512,8 @@ def _objection(attempt: _Attempt, limits: _Limits) -> str:
             f"the centre of its cycles wanders, which makes {100 * track.shifted:.0f} % of its "
             f"variance; the phase model needs at most {100 * _MOST_SHIFTED:.0f} %."
         )
+    if attempt.gaps >= max(_LEAST_GAPS, _GAPS_PER_CYCLE * track.cycles):
+        return "a part of each cycle is left out, so its period is another one."
     period = track.period
     if not _VELOCITIES[0] < attempt.period / period < _VELOCITIES[1]:
         return (

@@ -138,7 +138,7 @@ def track_phase(
         Initial estimate.
     """
     if cycle is None:
-        cycle = first_cycle(recordings, period)
+        (cycle,) = first_cycles(recordings, period, most=1)
     most = max(1, int(min(_HARMONICS[1], period / 2 - 2)))
     velocity = 2 * np.pi / period
     has_few_cycles = sum(map(len, recordings)) < FEW_CYCLES * period
@@ -160,11 +160,6 @@ def track_phase(
     return PhaseTrack(
         recordings=list(recordings), phases=phases, shifts=shifts, cycle=cycle
     )
-
-
-def first_cycle(recordings: Recordings, period: float) -> Cycle:
-    """Return the segment of one period that is most similar to all others, as a cycle."""
-    return first_cycles(recordings, period, most=1)[0]
 
 
 def first_cycles(recordings: Recordings, period: float, *, most: int) -> list[Cycle]:
