@@ -792,7 +792,7 @@ def test_the_phase_of_a_playback_runs_on_from_cycle_to_cycle(small):
         assert np.mean(steps > 0) >= (0.98 if sample else 1.0)
         assert steps.mean() * 25 * skill.period_ == pytest.approx(2 * np.pi, rel=0.1)
         # Where the cycle is slow, what a sample adds moves the phase, too.
-        assert steps.max() < 3 * steps.mean()
+        assert np.quantile(steps, 0.98) < 2 * steps.mean()
 
 
 def test_playback_of_a_mixture_has_no_phase(small_skill):
