@@ -67,15 +67,17 @@ def inspect(
             for line in lines:
                 console.print(f"  {line}", markup=False, soft_wrap=True)
         recordings += demonstrations
-    if len(recordings) > 1 and len({d.channels for d in recordings}) == 1:
+    found = None
+    if len({d.channels for d in recordings}) == 1:
         try:
-            common_rhythm = find_rhythm(recordings, **vars(rhythm))
-            text = "; ".join(common_rhythm.describe())
+            found = find_rhythm(recordings, **vars(rhythm))
+            text = "; ".join(found.describe())
         except DemonstrationError as error:
             text = f"no cycles found: {error}"
-        console.print(f"together: {text}", markup=False, soft_wrap=True)
+        if len(recordings) > 1:
+            console.print(f"together: {text}", markup=False, soft_wrap=True)
     if picture.plot is not None:
-        plot_demonstrations(recordings, picture.plot)
+        plot_demonstrations(recordings, picture.plot, rhythm=found)
         console.print(f"wrote {picture.plot}")
     refusals = [line for line in conclusions if "not for the board" in line]
     advice = _ADVICE.search(refusals[0]) if refusals else None

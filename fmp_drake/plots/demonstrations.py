@@ -19,7 +19,7 @@ from fmp_drake.plots.style import (
     save,
     set_title,
 )
-from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Rhythm
 from fmp_drake.primitives.data.windows import as_windows, demonstration_list
 from fmp_drake.primitives.editing.spectrum import polar
 
@@ -29,18 +29,46 @@ _POWER_FRACTION = 0.99
 _MIN_HARMONICS = 12
 
 
-def plot_demonstrations(demonstrations: Demonstrations, path: str | Path) -> None:
-    """Write a picture of recordings over time and in the plane (.png, .pdf, .svg)."""
+def plot_demonstrations(
+    demonstrations: Demonstrations, path: str | Path, *, rhythm: Rhythm | None = None
+) -> None:
+    """Write a picture of recordings over time and in the plane (.png, .pdf, .svg).
+
+    With the rhythm of one recording, its cycles and the parts that are left out are marked.
+    """
     recordings = demonstration_list(demonstrations, "a picture")
     count = len(Channels.of_demonstrations(recordings).names)
     figure = Figure(figsize=(12, max(4.0, 1 + 1.3 * count)), layout="constrained")
     left, right = figure.subfigures(1, 2, squeeze=False, width_ratios=[2, 1])[0]
     axes = left.subplots(count, squeeze=False, sharex=True)[:, 0]
     draw_demonstrations_over_time(recordings, axes)
+    if rhythm is not None and len(recordings) == 1:
+        _mark_rhythm(axes, rhythm, float(recordings[0].time[0]))
     if count > 1:
         plane = draw_demonstrations_in_plane(recordings, ax=right.subplots())
         set_title(plane, "in the plane")
     save(figure, path)
+
+
+def _mark_rhythm(axes: Sequence[Axes], rhythm: Rhythm, start: float) -> None:
+    """Mark the ends of cycles by lines, and the parts that are left out by grey areas."""
+    for ax in axes:
+        for bout in rhythm.bouts:
+            for end in (bout.start, *bout.cycle_ends):
+                ax.axvline(start + end, color=DEMONSTRATED, linewidth=0.6, zorder=0.5)
+        for part in rhythm.left_out:
+            ax.axvspan(
+                start + part.start, start + part.end, color="0.9", linewidth=0, zorder=0
+            )
+    for part in rhythm.left_out:
+        axes[0].annotate(
+            part.kind,
+            (start + (part.start + part.end) / 2, 0.98),
+            xycoords=("data", "axes fraction"),
+            ha="center",
+            va="top",
+            fontsize="small",
+        )
 
 
 def draw_demonstrations_over_time(

@@ -39,8 +39,14 @@ from fmp_drake.plots.learned import (
 )
 from fmp_drake.plots.skill_page import draw_skill
 from fmp_drake.plots.style import component_color, series_style
-from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    Player,
+    Rhythm,
+)
 from fmp_drake.primitives.data.channels import ChannelRoles
+from fmp_drake.primitives.model.phase.rhythm import Part
 from fmp_drake.runs.events import RunEvent
 
 SIX = ("x", "y", "z", "force", "roll", "pitch")
@@ -271,6 +277,24 @@ class TestDemonstrations:
         text = path.read_text()
         assert text.count("<!-- demonstrated: 20 s -->") == 1
         assert text.count("<!-- in the plane -->") == titled - 1
+
+    def test_cycles_and_omitted_parts_of_one_recording_are_marked(
+        self, shown, tmp_path
+    ):
+        approach = Part(recording=0, start=0.0, end=2.0, kind="approach")
+        bout = Part(
+            recording=0, start=2.0, end=20.0, kind="bout", cycle_ends=(8.0, 14.0)
+        )
+        rhythm = Rhythm(period=6.0, cycles=3.0, bouts=(bout,), left_out=(approach,))
+        path = tmp_path / "shown.svg"
+        plain = tmp_path / "plain.svg"
+        plot_demonstrations(shown[2], path, rhythm=rhythm)
+        plot_demonstrations(shown[2], plain)
+        text = path.read_text()
+        assert text.count("<!-- approach -->") == 1
+        # Three lines and an area for each of two channels, and glyphs.
+        marks = text.count("<path") - plain.read_text().count("<path")
+        assert marks >= 2 * (3 + 1)
 
     @pytest.mark.parametrize(
         "draw",

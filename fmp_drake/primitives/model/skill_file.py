@@ -226,7 +226,10 @@ def _paths(arrays: Mapping[str, Any], name: str, channels: int) -> tuple[Any, ..
 def _rhythm(values: Mapping[str, Any]) -> Rhythm:
     """Return the rhythm in the metadata of a skill file."""
     parts = {
-        name: tuple(Part(**part) for part in values[name])
+        name: tuple(
+            Part(**{**part, "cycle_ends": tuple(part.get("cycle_ends", ()))})
+            for part in values[name]
+        )
         for name in ("bouts", "left_out")
     }
     irregular = tuple(values.get("irregular", ()))

@@ -15,7 +15,7 @@ _LEAST_CORRELATION = 0.2
 _MOST_PERIODS = 8
 _FIRST_PEAKS = 3
 # Similarity of neighbouring cycles that counts as a repetition.
-_SIMILAR = 0.55
+SIMILAR = 0.55
 # Variance of a segment, relative to the recording, below which it is at rest.
 _LEAST_ENERGY = 0.02
 # Range of lags, samples, and their relative step.
@@ -219,7 +219,7 @@ def local_periods(recordings: Sequence[Array]) -> list[float]:
     for i, lag in enumerate(lags.tolist()):
         for y in recordings:
             similar = similarity(y, lag, lag)
-            scores[i] += np.sum(similar[similar > _SIMILAR] ** 2)
+            scores[i] += np.sum(similar[similar > SIMILAR] ** 2)
     if not scores.max() > 0:
         return []
     padded = np.concatenate([[-1.0], scores, [-1.0]])

@@ -1,10 +1,18 @@
 """Rhythm of recordings: bouts, omitted parts, changes, and their description."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, Indices
+from fmp_drake.primitives.model.phase.segmentation import (
+    BACKWARDS,
+    FORWARDS,
+    OUTSIDE,
+)
+from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 
 # Fraction of the recorded time that is left out, above which a remark is made.
 _LARGE_FRACTION = 0.2
@@ -13,6 +21,11 @@ _LARGE_FRACTION = 0.2
 _LEAST_CHANGE, _STANDARD_ERRORS = 0.25, 3.0
 # Least drift that is reported.
 _LEAST_DRIFT = 0.1
+# Quantile of the distances of a lift from its median place, and their least value in sizes.
+_AWAY_QUANTILE, _AWAY = 0.75, 0.2
+OTHER = 3
+"""Label of samples of another movement, beside those of a segmentation."""
+_KINDS = {FORWARDS: "bout", BACKWARDS: "backwards", OTHER: "another movement"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,12 +41,15 @@ class Part:
     kind : str
         "bout", or the reason for leaving it out: "approach", "retreat", "pause", "lift"
         (a departure from the movement and return), "backwards" or "another movement".
+    cycle_ends : tuple of float
+        s, of a bout: instants at which whole cycles since its start end. Not compared.
     """
 
     recording: int
     start: float
     end: float
     kind: str
+    cycle_ends: tuple[float, ...] = field(default=(), compare=False)
 
     @property
     def duration(self) -> float:
@@ -91,7 +107,12 @@ class Rhythm:
         """Return the rhythm of recordings that begin later by some seconds."""
 
         def shift(part: Part) -> Part:
-            return replace(part, start=part.start + seconds, end=part.end + seconds)
+            return replace(
+                part,
+                start=part.start + seconds,
+                end=part.end + seconds,
+                cycle_ends=tuple(end + seconds for end in part.cycle_ends),
+            )
 
         return replace(
             self,
@@ -169,3 +190,63 @@ def trend(values: Array) -> float:
     change = slope * (count - 1) / float(values.mean())
     is_significant = abs(slope) > _STANDARD_ERRORS * deviation
     return change if is_significant and abs(change) > _LEAST_CHANGE else 0.0
+
+
+def rhythm_of_labels(
+    recordings: Sequence[Array],
+    track: PhaseTrack,
+    labels: Sequence[Indices],
+    rate: float,
+) -> Rhythm:
+    """Return the rhythm of a track and of labels (n,) of all samples."""
+    history = track.history
+    points = np.concatenate(track.recordings)
+    size = float(np.sqrt(points.var(axis=0).sum()))
+    parts = []
+    for i, (y, label) in enumerate(zip(recordings, labels, strict=True)):
+        edges = [0, *(np.flatnonzero(np.diff(label)) + 1).tolist(), len(label)]
+        for a, b in pairwise(edges):
+            kind = _kind(y, label, a, b, size)
+            parts.append(Part(recording=i, start=a / rate, end=b / rate, kind=kind))
+    bouts, left_out = split_kinds(parts)
+    if len(bouts) == len(track.phases):
+        bouts = tuple(
+            replace(bout, cycle_ends=_cycle_ends(bout, phase, rate))
+            for bout, phase in zip(bouts, track.phases, strict=True)
+        )
+    return Rhythm(
+        period=track.period / rate,
+        cycles=track.cycles,
+        bouts=bouts,
+        left_out=left_out,
+        amplitude_change=trend(history.amplitudes),
+        tempo_change=trend(1 / history.lengths),
+        drift=float(np.max(np.abs(history.drift)) / np.max(np.ptp(points, axis=0))),
+    )
+
+
+def _cycle_ends(bout: Part, phase: Array, rate: float) -> tuple[float, ...]:
+    """Return the instants, s, at which the phase (n,) of a bout has grown by whole turns."""
+    growth = np.maximum.accumulate(phase - phase[0]) / (2 * np.pi)
+    steps = np.interp(np.arange(1.0, growth[-1]), growth, np.arange(len(phase)))
+    return tuple((bout.start + steps / rate).tolist())
+
+
+def split_kinds(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+    """Split parts into bouts and omitted parts."""
+    bouts = tuple(part for part in parts if part.kind == "bout")
+    return bouts, tuple(part for part in parts if part.kind != "bout")
+
+
+def _kind(values: Array, label: Indices, start: int, end: int, size: float) -> str:
+    """Return the kind of a segment of a recording; see `Part`."""
+    if label[start] != OUTSIDE:
+        return _KINDS[label[start]]
+    if start == 0:
+        return "approach"
+    if end == len(values):
+        return "retreat"
+    part = values[start:end]
+    distances = np.linalg.norm(part - np.median(part, axis=0), axis=1)
+    is_away = np.quantile(distances, _AWAY_QUANTILE) > _AWAY * size
+    return "lift" if is_away else "pause"

@@ -3,7 +3,6 @@
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -24,14 +23,18 @@ from fmp_drake.primitives.data.windows import (
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.loops import join_loops
 from fmp_drake.primitives.model.phase.period import (
+    SIMILAR,
     local_periods,
     noise_fractions,
     possible_periods,
+    similarity,
 )
 from fmp_drake.primitives.model.phase.rhythm import (
+    OTHER,
     Part,
     Rhythm,
-    trend,
+    rhythm_of_labels,
+    split_kinds,
 )
 from fmp_drake.primitives.model.phase.segmentation import (
     BACKWARDS,
@@ -65,8 +68,9 @@ _CLEAR_MISFIT = 0.015
 _MISFIT_RATIO = 4.0
 # Limits in the order of use. Few cycles are found by alignment, which is evidence.
 _LIMITS = (_Limits(4.0, 0.05), _Limits(1.25, 0.15), _Limits(3.0, 0.1))
-# Fraction of the variance that slow displacements of the centre may take.
-_MOST_SHIFTED = 0.5
+# Fraction of the variance that slow displacements of the centre may take, and below which no
+# other period is tried.
+_MOST_SHIFTED, _STEADY = 0.5, 0.05
 # Bounds of the mean phase velocity relative to its initial estimate.
 _VELOCITIES = (0.6, 1.6)
 # Greatest relative difference of two equal periods, of a period and its initial estimate
@@ -78,10 +82,6 @@ _SHORTEST_BOUT = 12
 _LEAST_BOUT, _HARMONICS = 0.5, 6
 # Least duration of another movement, in periods.
 _LEAST_OTHER = 1.5
-# Quantile of the distances of a lift from its median place, and their least value in sizes.
-_AWAY_QUANTILE, _AWAY = 0.75, 0.2
-_OTHER = 3
-_KINDS = {FORWARDS: "bout", BACKWARDS: "backwards", _OTHER: "another movement"}
 # Misfit of a sample that is left out.
 _LEFT_OUT_MISFIT = 0.13
 # Parts left out, in all and per cycle, that are parts of each cycle of another period.
@@ -242,7 +242,7 @@ def search_rhythm(
         raise refusal or DemonstrationError("there is no channel.")
     _, columns, tracked, parts = best
     parts = (replace(part, recording=order[part.recording]) for part in parts)
-    bouts, left_out = _split_kinds(sorted(parts, key=lambda p: (p.recording, p.start)))
+    bouts, left_out = split_kinds(sorted(parts, key=lambda p: (p.recording, p.start)))
     irregular = (name for i, name in enumerate(units) if i not in columns)
     rhythm = replace(
         tracked.rhythm, bouts=bouts, left_out=left_out, irregular=tuple(irregular)
@@ -296,7 +296,8 @@ def _search(
         if longer and longer.samples > best.samples and not _objection(longer, limits):
             best = longer
             labels, _ = _with_other_movement(recordings, best, rate)
-    rhythm, track = _rhythm(recordings, best.track, labels, rate), best.track
+    best = _add_similar_cycles(recordings, best, labels)
+    rhythm, track = rhythm_of_labels(recordings, best.track, labels, rate), best.track
     if len(columns) < all_channels[0].shape[1]:
         track = track.with_channels(_cut(all_channels, best.bouts))
     misfit = 0.0 if limits is _LIMITS[0] else _misfit(best) / best.track.cycles
@@ -361,7 +362,11 @@ def _attempts(
             continue
         attempts.append(attempt)
         is_most = attempt.samples > sum(map(len, recordings)) / 2
-        clear = is_most and _misfit(attempt) <= _CLEAR_MISFIT
+        # A stroke of a longer cycle has a centre that moves, or is not like all strokes.
+        is_whole = (
+            attempt.track.shifted <= _STEADY and attempt.gaps < attempt.track.cycles / 2
+        )
+        clear = is_most and is_whole and _misfit(attempt) <= _CLEAR_MISFIT
         if clear and not _objection(attempt, _LIMITS[0]):
             break
     return attempts
@@ -394,7 +399,7 @@ def _with_other_movement(
             candidates = _candidates(values, rate, None)
             other, _ = _best_attempt(values, candidates, is_known=False)
             for (_, label), found in zip(parts, other.labels, strict=True):
-                label[found != OUTSIDE] = _OTHER
+                label[found != OUTSIDE] = OTHER
     # Transitions between two movements, or directions, are short.
     shortest = max(_SHORTEST_BOUT, round(attempt.period))
     for label in labels:
@@ -489,6 +494,39 @@ def _attempt(
     return _Attempt(labels, track, period)
 
 
+def _add_similar_cycles(
+    recordings: Sequence[Array], attempt: _Attempt, labels: Sequence[Indices]
+) -> _Attempt:
+    """Add to each bout the cycles before and after it that are similar to its first and last.
+
+    They may be wider, for example, at the beginning of a recording. The labels are changed
+    where they are `OUTSIDE`.
+    """
+    size = round(attempt.track.period)
+    is_changed = False
+    for y, known, label in zip(recordings, attempt.labels, labels, strict=True):
+        similar = similarity(y, size, size) > SIMILAR
+        for a, b in runs(known == FORWARDS):
+            start, end = a, b
+            if b - a >= size:
+                while start >= size and similar[start - size]:
+                    start -= size
+                while end + size <= len(y) and similar[end - size]:
+                    end += size
+            for part in (slice(start, a), slice(b, end)):
+                if len(label[part]) and np.all(label[part] == OUTSIDE):
+                    known[part] = label[part] = FORWARDS
+                    is_changed = True
+    if not is_changed:
+        return attempt
+    track = track_phase(
+        _cut(recordings, [known == FORWARDS for known in attempt.labels]),
+        period=attempt.track.period,
+        cycle=attempt.track.cycle,
+    )
+    return attempt._replace(track=track)
+
+
 def _initial_cycle(
     phases: Sequence[Array], bouts: Sequence[Array], period: float
 ) -> Cycle:
@@ -521,51 +559,3 @@ def _objection(attempt: _Attempt, limits: _Limits) -> str:
             f"{period:.0f}."
         )
     return ""
-
-
-def _rhythm(
-    recordings: Sequence[Array],
-    track: PhaseTrack,
-    labels: Sequence[Indices],
-    rate: float,
-) -> Rhythm:
-    """Return the rhythm of a track and of labels (n,) of all samples."""
-    history = track.history
-    points = np.concatenate(track.recordings)
-    size = float(np.sqrt(points.var(axis=0).sum()))
-    parts = []
-    for i, (y, label) in enumerate(zip(recordings, labels, strict=True)):
-        edges = [0, *(np.flatnonzero(np.diff(label)) + 1).tolist(), len(label)]
-        for a, b in pairwise(edges):
-            kind = _kind(y, label, a, b, size)
-            parts.append(Part(recording=i, start=a / rate, end=b / rate, kind=kind))
-    bouts, left_out = _split_kinds(parts)
-    return Rhythm(
-        period=track.period / rate,
-        cycles=track.cycles,
-        bouts=bouts,
-        left_out=left_out,
-        amplitude_change=trend(history.amplitudes),
-        tempo_change=trend(1 / history.lengths),
-        drift=float(np.max(np.abs(history.drift)) / np.max(np.ptp(points, axis=0))),
-    )
-
-
-def _split_kinds(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
-    """Split parts into bouts and omitted parts."""
-    bouts = tuple(part for part in parts if part.kind == "bout")
-    return bouts, tuple(part for part in parts if part.kind != "bout")
-
-
-def _kind(values: Array, label: Indices, start: int, end: int, size: float) -> str:
-    """Return the kind of a segment of a recording; see `Part`."""
-    if label[start] != OUTSIDE:
-        return _KINDS[label[start]]
-    if start == 0:
-        return "approach"
-    if end == len(values):
-        return "retreat"
-    part = values[start:end]
-    distances = np.linalg.norm(part - np.median(part, axis=0), axis=1)
-    is_away = np.quantile(distances, _AWAY_QUANTILE) > _AWAY * size
-    return "lift" if is_away else "pause"
