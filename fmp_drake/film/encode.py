@@ -25,9 +25,9 @@ _SAMPLES = 6
 _COLORS = 64
 # Exponent that turns the number of pixels of a colour into its weight: rare colours remain.
 _WEIGHT_EXPONENT = 0.5
-# H.264 with the common colour format, which every player and browser plays.
+# H.264 with even sizes and the common colour format, which every player and browser plays.
 _ENCODING = (
-    *("-pix_fmt", "yuv420p"),
+    *("-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"),
     *("-c:v", "libx264", "-preset", "veryfast", "-crf", "18"),
     *("-movflags", "+faststart"),
 )

@@ -19,8 +19,9 @@ SHAPES = ("plane", "cylinder", "dome", "bowl")
 _SCALE = 0.005
 # Standard deviation of a normal distribution, in medians of its absolute values.
 _TO_SIGMA = 1.4826
-# Ratio of residuals below which the less simple shape is taken.
-_BETTER = 0.8
+# Ratio of residuals below which the less simple shape is taken, and the least gain, m: smaller
+# ones are within the error of a recorded contact.
+_BETTER, _LEAST_GAIN = 0.8, 3e-4
 # Radii of cylinders, domes and bowls, m, and those that the search begins with.
 _RADII, _STARTS = (0.05, 5.0), (0.15, 0.5, 2.0)
 _SAMPLES, _LEAST_SAMPLES = 1000, 20
@@ -130,7 +131,8 @@ def fit_surface(
     chosen = tried[0] if shape is None else tried[-1]
     if shape is None:
         for candidate in tried[1:]:
-            if candidate.residual < _BETTER * chosen.residual:
+            known = chosen.residual
+            if candidate.residual < min(_BETTER * known, known - _LEAST_GAIN):
                 chosen = candidate
     limit = _MOST_RESIDUAL * 2 * extents[1] / np.sqrt(len(contact))
     if chosen.residual > limit:

@@ -74,7 +74,7 @@ def test_channels_that_the_board_does_not_need_are_left_out_and_named():
     [
         (
             np.insert(circles(3 * TIME), [120] * 40, circles(18.0), axis=0),
-            r"left out: pause, 6\.0 to 8\.0 s$",
+            r"left out: pause, 6\.0 to 8\.[01] s$",
         ),
         (
             np.vstack(

@@ -17,6 +17,7 @@ COMMON = {
     "tracking_error": 6,
     "normal_force": 1,
     "status": 6,
+    "last_fault": 1,
     "torque": 7,
     "state": 14,
     "torque_measured": 7,

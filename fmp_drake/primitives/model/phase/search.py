@@ -490,6 +490,9 @@ def _attempt(
         bouts, cycle = _cut(recordings, aligned), None
         if max(map(len, bouts), default=0) < period + 1:
             return None
+    if sum(map(len, bouts)) == sum(map(len, recordings)):
+        # Phases of recordings without other parts begin where one of their cycles does.
+        cycle = None
     track = track_phase(bouts, period=period, cycle=cycle)
     return _Attempt(labels, track, period)
 
