@@ -226,7 +226,7 @@ def test_normal_force_that_a_singularity_disturbs_is_refused():
     skill, _ = shared_skill(scenario)
     found = CheckFeasibility(scenario, skill)
     assert found.values["largest_speed_ratio"] < 0.7
-    assert found.values["unsteady_fraction"] == pytest.approx(0.018, abs=0.002)
+    assert found.values["unsteady_fraction"] > FollowingBounds().unsteady
     assert "nearly singular" in found.verdict
     scenario.impedance.max_effective_mass = 1e6
     assert CheckFeasibility(scenario, skill).values["unsteady_fraction"] < 0.002
