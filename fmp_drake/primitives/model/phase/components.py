@@ -1,8 +1,6 @@
 """Gaussian mixture over windows from a tracked phase."""
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -109,9 +107,7 @@ def phase_components(
             mean, _rescaled(covariance, growth, added_covariance), weights, rank
         )
 
-    # LAPACK works outside the lock of the interpreter.
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return tuple(pool.map(component, range(len(grid.phases))))
+    return tuple(map(component, range(len(grid.phases))))
 
 
 def grid_gaussians(
