@@ -13,6 +13,7 @@ FRONT_DOORS = (
     "runs",
     "plots",
     "film",
+    "experiments",
     "experiments.baselines",
     "experiments.benchmark",
     "experiments.trials",

@@ -788,11 +788,10 @@ def test_the_phase_of_a_playback_runs_on_from_cycle_to_cycle(small):
             state = player.advance(state, 0.04)
             phases.append(player.phase(state))
         steps = np.angle(np.exp(1j * np.diff(phases[50:])))
-        # A sample may pause for a moment.
-        assert np.mean(steps > 0) >= (0.98 if sample else 1.0)
+        assert np.all(steps > 0)
         assert steps.mean() * 25 * skill.period_ == pytest.approx(2 * np.pi, rel=0.1)
         # Where the cycle is slow, what a sample adds moves the phase, too.
-        assert np.quantile(steps, 0.98) < 2 * steps.mean()
+        assert steps.max() < 3 * steps.mean()
 
 
 def test_playback_of_a_mixture_has_no_phase(small_skill):
