@@ -161,6 +161,12 @@ def read_only[T: np.generic](array: NDArray[T]) -> NDArray[T]:
     return array
 
 
+def runs(mask: Mask) -> list[tuple[int, int]]:
+    """Return start and end of the runs of true values in a mask (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
 def is_number(value: Any) -> bool:
     """Return whether a value is one real, finite number."""
     # The comparison is false for NaN, and exact for integers of any size.

@@ -68,7 +68,8 @@ def inspect(
                 console.print(f"  {line}", markup=False, soft_wrap=True)
         recordings += demonstrations
     found = None
-    if len({d.channels for d in recordings}) == 1:
+    is_needed = len(recordings) > 1 or picture.plot is not None
+    if is_needed and len({d.channels for d in recordings}) == 1:
         try:
             found = find_rhythm(recordings, **vars(rhythm))
             text = "; ".join(found.describe())

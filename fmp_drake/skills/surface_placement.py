@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.numeric import Array, Indices, Mask
+from fmp_drake.numeric import Array, Mask, runs
 from fmp_drake.primitives import Demonstration, find_rhythm
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
@@ -221,14 +221,11 @@ def _fit(
 
 def _bouts(demonstration: Demonstration, in_bout: Mask) -> list[Demonstration]:
     """Return the bouts of a demonstration."""
-    runs = _runs(in_bout)
-    return [demonstration.rows(run) for run in runs if len(run) >= _LEAST_SAMPLES]
-
-
-def _runs(mask: Mask) -> list[Indices]:
-    """Return the indices of each run of consecutive true values."""
-    runs = np.split(np.arange(len(mask)), np.flatnonzero(np.diff(mask)) + 1)
-    return [run for run in runs if mask[run[0]]]
+    return [
+        demonstration.rows(np.arange(a, b))
+        for a, b in runs(in_bout)
+        if b - a >= _LEAST_SAMPLES
+    ]
 
 
 def _touching(contact: _Contact, heights: Array) -> Mask:
@@ -241,12 +238,12 @@ def _touching(contact: _Contact, heights: Array) -> Mask:
     if contact.force is None:
         return contact.in_bout & is_low
     touching = np.zeros_like(is_low)
-    for run in _runs(contact.touching):
-        low = run[is_low[run]]
+    for a, b in runs(contact.touching):
+        low = a + np.flatnonzero(is_low[a:b])
         if len(low):
             touching[low[0] : low[-1] + 1] = True
-    for gap in _runs(contact.in_bout & ~touching):
-        touching[gap] = np.all(is_low[gap])
+    for a, b in runs(contact.in_bout & ~touching):
+        touching[a:b] = np.all(is_low[a:b])
     return touching
 
 

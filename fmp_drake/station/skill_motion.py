@@ -135,9 +135,9 @@ def AddSkill(
     """Add a skill that commands a controller, and export its outputs.
 
     Systems: fourier_primitive, desired_motion; of a skill with further channels, or on
-    a curved surface, task_motion, controller_inputs, skill_position, position_covariance of a simulated
-    arm, measured_coordinates, and force_channel with demonstrated_force and
-    demonstrated_force_offset.
+    a curved surface, task_motion, controller_inputs, skill_position, position_covariance
+    of a simulated arm, measured_coordinates, and force_channel with demonstrated_force
+    and demonstrated_force_offset.
 
     Parameters
     ----------

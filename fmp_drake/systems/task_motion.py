@@ -30,9 +30,9 @@ class TaskMotion(LeafSystem):
     the surface, z of T is the local normal, and the tool keeps its height over T. Rotation
     channels are the orientation R_TE, so that they follow the normal.
 
-    There is no state. One port has all inputs of the controller, because a call of a
-    Python function takes longer than their computation; a `Demultiplexer` of the sizes
-    `parts` separates them.
+    There is no state. All inputs of the controller come from one port, because calling
+    Python takes longer than computing them. A `Demultiplexer` with the sizes in `parts`
+    splits them.
 
     Input ports
     -----------

@@ -194,11 +194,15 @@ def trend(values: Array) -> float:
 
 def rhythm_of_labels(
     recordings: Sequence[Array],
-    track: PhaseTrack,
     labels: Sequence[Indices],
+    track: PhaseTrack,
+    starts: Sequence[int],
     rate: float,
 ) -> Rhythm:
-    """Return the rhythm of a track and of labels (n,) of all samples."""
+    """Return the rhythm of labels (n,) of all samples, and of the track of the bouts.
+
+    A bout may begin before the first sample of its track, one of `starts`: at a turn.
+    """
     history = track.history
     points = np.concatenate(track.recordings)
     size = float(np.sqrt(points.var(axis=0).sum()))
@@ -211,8 +215,8 @@ def rhythm_of_labels(
     bouts, left_out = split_kinds(parts)
     if len(bouts) == len(track.phases):
         bouts = tuple(
-            replace(bout, cycle_ends=_cycle_ends(bout, phase, rate))
-            for bout, phase in zip(bouts, track.phases, strict=True)
+            replace(bout, cycle_ends=_cycle_ends(phase, start, rate))
+            for bout, phase, start in zip(bouts, track.phases, starts, strict=True)
         )
     return Rhythm(
         period=track.period / rate,
@@ -225,11 +229,14 @@ def rhythm_of_labels(
     )
 
 
-def _cycle_ends(bout: Part, phase: Array, rate: float) -> tuple[float, ...]:
-    """Return the instants, s, at which the phase (n,) of a bout has grown by whole turns."""
+def _cycle_ends(phase: Array, start: int, rate: float) -> tuple[float, ...]:
+    """Return the instants, s, at which a phase (n,) has grown by whole turns.
+
+    Its first sample is number `start` of its recording.
+    """
     growth = np.maximum.accumulate(phase - phase[0]) / (2 * np.pi)
     steps = np.interp(np.arange(1.0, growth[-1]), growth, np.arange(len(phase)))
-    return tuple((bout.start + steps / rate).tolist())
+    return tuple(((start + steps) / rate).tolist())
 
 
 def split_kinds(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.numeric import Array, Indices, Mask
+from fmp_drake.numeric import Array, Indices, Mask, runs
 from fmp_drake.primitives.data.channels import (
     channel_scales,
     default_channels,
@@ -40,7 +40,6 @@ from fmp_drake.primitives.model.phase.segmentation import (
     BACKWARDS,
     FORWARDS,
     OUTSIDE,
-    runs,
     segment,
 )
 from fmp_drake.primitives.model.phase.self_alignment import (
@@ -297,7 +296,9 @@ def _search(
             best = longer
             labels, _ = _with_other_movement(recordings, best, rate)
     best = _add_similar_cycles(recordings, best, labels)
-    rhythm, track = rhythm_of_labels(recordings, best.track, labels, rate), best.track
+    starts = [a for mask in best.bouts for a, _ in runs(mask)]
+    rhythm = rhythm_of_labels(recordings, labels, best.track, starts, rate)
+    track = best.track
     if len(columns) < all_channels[0].shape[1]:
         track = track.with_channels(_cut(all_channels, best.bouts))
     misfit = 0.0 if limits is _LIMITS[0] else _misfit(best) / best.track.cycles
@@ -472,7 +473,7 @@ def _attempt(
     """
     aligned = aligned_samples(recordings, period)
     segmentation = segment(recordings, aligned, period)
-    cycle = None
+    bouts, cycle = list[Array](), None
     if segmentation is not None:
         labels = segmentation.labels
         shortest = max(_SHORTEST_BOUT, _LEAST_BOUT * period)
@@ -482,17 +483,16 @@ def _attempt(
                     label[a:b] = OUTSIDE
         masks = [label == FORWARDS for label in labels]
         phases, bouts = _cut(segmentation.phases, masks), _cut(recordings, masks)
-        cycle = _initial_cycle(phases, bouts, period) if bouts else None
-    if cycle is None or max(map(len, bouts)) < period + 1:
+        if 0 < sum(map(len, bouts)) < sum(map(len, recordings)):
+            # Without other parts, the phase begins where one of the cycles does.
+            cycle = _initial_cycle(phases, bouts, period)
+    if max(map(len, bouts), default=0) < period + 1:
         if not is_known:
             return None
         labels = [np.where(mask, FORWARDS, OUTSIDE) for mask in aligned]
         bouts, cycle = _cut(recordings, aligned), None
         if max(map(len, bouts), default=0) < period + 1:
             return None
-    if sum(map(len, bouts)) == sum(map(len, recordings)):
-        # Phases of recordings without other parts begin where one of their cycles does.
-        cycle = None
     track = track_phase(bouts, period=period, cycle=cycle)
     return _Attempt(labels, track, period)
 

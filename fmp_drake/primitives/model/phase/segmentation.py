@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from fmp_drake.compiled import compiled
-from fmp_drake.numeric import Array, Indices, Mask
+from fmp_drake.numeric import Array, Indices, Mask, runs
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.period import window_sums
 from fmp_drake.primitives.model.phase.tracking import first_cycles
@@ -182,12 +182,6 @@ class _Segmenter(NamedTuple):
 def _step(period: float) -> int:
     """Return half the interval of a difference quotient, samples."""
     return max(1, round(period / _STEPS_PER_PERIOD))
-
-
-def runs(mask: Mask) -> list[tuple[int, int]]:
-    """Return start and end of the runs of true values in a mask (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _moving_mean(values: Array, mask: Mask, size: int) -> Array:
