@@ -272,6 +272,27 @@ def test_weight_of_the_model_is_larger_where_replay_is_worse(monkeypatch, cycles
     assert 0.6 < weights[-1] <= 1.0
 
 
+def test_windows_are_played_without_what_replay_does_to_predictions(monkeypatch):
+    track, played, weights = moving(8), [], []
+    for error in (0.0, 0.4):
+        replay = FakeReplay(track, lambda y, e=error: 0 * y + [e, 0.0])
+        monkeypatch.setattr(module, "Replay", replay)
+        found = calibrated(track)
+        played.append(found.playback_covariances)
+        weights.append(found.model_weight)
+    # The model is nearly right, so a window lies a part of replay's error beside
+    # predictions. In the other channel replay errs no more than it did.
+    beside = (1 - weights[1]) * 0.4
+    assert 0.05 < beside < 0.3
+    assert np.all(played[1][:4, 0, 0] > 0.5 * beside**2)
+    assert np.all(played[1][:4, 1, 1] < 0.2 * beside**2)
+    assert np.all(np.linalg.eigvalsh(played[0]) > 0)
+
+
+def test_windows_of_many_cycles_are_played_as_they_are_predicted():
+    assert calibrated(moving(20)).playback_covariances is None
+
+
 def test_predicted_parts_are_not_among_what_is_learned(monkeypatch):
     track = moving(6, cuts=[90])
     replay = FakeReplay(track, lambda y: 0 * y)

@@ -500,14 +500,17 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
     def predicted_covariance(self, component: int, step: float) -> Array:
         """Return the covariance (D, D) of the movement about a window that is played.
 
-        It is (18). For a mixture, the errors of playback are added after the first K
-        samples. The components of a phase model contain the errors of predictions. With
-        few cycles, `predict` also uses the observed samples for replay and for an
-        extrapolation of their velocities; a window that is played follows neither.
+        It is (18) and, after the first K samples, the errors of playback. The components
+        of a phase model contain those of predictions; with few cycles there are more,
+        because `predict` also uses the observed samples for replay, and a window that is
+        played does not.
         """
         out = self.covariance(component, step)
-        if self.phase_model_ is None and self.calibration_ is not None:
-            errors = self.calibration_.playback_covariance(step - self.overlap + 1)
+        calibration = self.calibration_
+        if calibration is None:
+            return out
+        if self.phase_model_ is None or calibration.playback_covariances is not None:
+            errors = calibration.playback_covariance(step - self.overlap + 1)
             out = out + errors * np.outer(self.scales_, self.scales_)
         return out
 

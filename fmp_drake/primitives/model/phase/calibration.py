@@ -91,8 +91,9 @@ class Calibration:
     background_weight : float
         Weight of the background in the density of windows.
     playback_covariances : ndarray, shape (A, D, D), optional
-        Covariances of the errors of windows that a mixture plays, beside those of its
-        components; `error_covariances` where None.
+        Covariances of the errors of windows that are played, beside those of the
+        components. Where None, they are `error_covariances` for a mixture, and 0 for a
+        phase model.
     """
 
     horizons: Array
@@ -386,11 +387,13 @@ def _calibration(
     """
     a, d = changes.shape[:2]
     covariances, count = np.zeros((a, d, d)), np.zeros(a)
+    blended = np.zeros((a, d, d))
     logs, scale_counts = np.zeros(a), np.zeros(a)
     if errors is not None:
         disagreement = errors.model - errors.replay
         deviations = errors.truth - errors.replay - weight * disagreement
         covariances, count = _part_means(_squares(deviations), errors.part)
+        blended, _ = _part_means(_squares((1 - weight) * disagreement), errors.part)
         if weight > 0:
             model = errors.covariances + weight * (1 - weight) * _squares(disagreement)
             solved = np.linalg.solve(model, deviations[..., None])[..., 0]
@@ -403,15 +406,16 @@ def _calibration(
     scale_counts = np.where(
         scale_counts > 0, np.maximum(scale_counts, count_of_many), 0.0
     )
-    covariances = (
-        count * covariances.T + _ERROR_PARTS * _PRIOR_ERROR**2 * changes.T
-    ) / (count + _ERROR_PARTS)
-    covariances, change_variances = covariances.T, np.trace(changes, axis1=1, axis2=2)
+    change_variances = np.trace(changes, axis1=1, axis2=2)
+    prior = _ERROR_PARTS * _PRIOR_ERROR**2 * changes.T
+    covariances = ((count * covariances.T + prior) / (count + _ERROR_PARTS)).T
+    blended = (count * blended.T / (count + _ERROR_PARTS)).T
     if count.any():
         # Farther ahead than the parts reach, the errors grow as the changes do.
         last = int(np.flatnonzero(count)[-1])
         later = change_variances[last:] / change_variances[last]
-        covariances[last:] = np.multiply.outer(later, covariances[last])
+        for values in (covariances, blended):
+            values[last:] = np.multiply.outer(later, values[last])
     covariances = _less_dependent(covariances, float(count.max()))
     growth = (horizons / _MIDDLE_HORIZON) ** (
         _GROWTH * _GROWTH_CYCLES / (_GROWTH_CYCLES + cycles)
@@ -426,6 +430,11 @@ def _calibration(
     # A model of many cycles replays none of them.
     local_fraction = _LOCAL_FRACTION if weight < 1 else 0.0
     scale = growth * error_fraction * (1 - local_fraction)
+    played = None
+    if 0 < weight < 1:
+        # A window that is played follows the model alone, without similar samples.
+        local = growth * error_fraction * local_fraction
+        played = (local * covariances.T + growth * blended.T).T
     background = _BACKGROUND * _BACKGROUND_CYCLES / (_BACKGROUND_CYCLES + cycles)
     return Calibration(
         horizons=horizons.astype(float),
@@ -441,6 +450,7 @@ def _calibration(
         local_factor=error_fraction * local_fraction,
         degrees_of_freedom=_DEGREES + _DEGREES_OF_CYCLES * cycles**2,
         background_weight=background,
+        playback_covariances=played,
     )
 
 
