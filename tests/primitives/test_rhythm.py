@@ -27,6 +27,7 @@ from fmp_drake.primitives.model.phase.self_alignment import (
     aligned_samples,
     self_alignments,
 )
+from fmp_drake.station import models_dir
 
 
 def demonstration(values):
@@ -410,6 +411,18 @@ def test_one_of_four_strokes_is_not_mistaken_for_a_cycle(seed):
     strokes += 1e-3 * rng.standard_normal(strokes.shape)
     found = find_rhythm(demonstration(strokes))
     assert found.period == pytest.approx(3.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("start", "cycles"),
+    [(23.5, 2.2), (65.9, 2.2), (33.8, 3.2), (65.5, 3.2), (4.0, 4.0)],
+)
+def test_one_stroke_is_not_mistaken_for_one_of_few_cycles(start, cycles):
+    demonstration = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
+    end = start + cycles * 4.78
+    rhythm = find_rhythm(demonstration, start_time=start, end_time=end)
+    assert rhythm.period == pytest.approx(4.78, rel=0.1)
+    assert rhythm.fraction_left_out < 0.1
 
 
 @pytest.mark.parametrize(("unit", "width"), [("N", 0), ("m", 0), ("N", 10)])

@@ -312,12 +312,17 @@ def _best_attempt(
     attempts = _attempts(recordings, candidates, is_known=is_known)
     limits = _LIMITS[0]
     acceptable = [a for a in attempts if not _objection(a, limits)]
-    if not acceptable and not is_known:
-        limits = _LIMITS[1]
+    cost = min(map(_cost, acceptable), default=np.inf)
+    if cost > _CLEAR_MISFIT and not is_known:
+        # One stroke of a few cycles repeats more often, but less exactly than they do.
         likely = aligned_period(recordings)
         attempt = _attempt(recordings, likely) if likely else None
-        if attempt and not _objection(attempt, limits):
-            acceptable = [attempt]
+        if (
+            attempt
+            and not _objection(attempt, _LIMITS[1])
+            and _MISFIT_RATIO * _cost(attempt) < cost
+        ):
+            acceptable, limits = [attempt], _LIMITS[1]
     if not acceptable:
         limits = _LIMITS[1] if is_known else _LIMITS[2]
         acceptable = [a for a in attempts if not _objection(a, limits)]
