@@ -418,11 +418,23 @@ def test_one_of_four_strokes_is_not_mistaken_for_a_cycle(seed):
     [(23.5, 2.2), (65.9, 2.2), (33.8, 3.2), (65.5, 3.2), (4.0, 4.0)],
 )
 def test_one_stroke_is_not_mistaken_for_one_of_few_cycles(start, cycles):
-    demonstration = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
+    whole = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
     end = start + cycles * 4.78
-    rhythm = find_rhythm(demonstration, start_time=start, end_time=end)
+    rhythm = find_rhythm(whole, start_time=start, end_time=end)
     assert rhythm.period == pytest.approx(4.78, rel=0.1)
     assert rhythm.fraction_left_out < 0.1
+    # Also between an approach and a retreat.
+    path = whole.values[(whole.time >= start) & (whole.time < end)]
+    rate, away = 1 / np.mean(np.diff(whole.time)), np.array([0.3, -0.2, 0.2])
+    approach = eased(path[0] + away, path[0], round(1.5 * rate))
+    retreat = eased(path[-1], path[-1] + away, round(1.5 * rate))
+    values = np.concatenate([approach, path, retreat])
+    rhythm = find_rhythm(
+        Demonstration(time=np.arange(len(values)) / rate, values=values)
+    )
+    assert rhythm.period == pytest.approx(4.78, rel=0.1)
+    (bout,) = rhythm.bouts
+    assert bout.duration == pytest.approx(end - start, abs=1.0)
 
 
 @pytest.mark.parametrize(("unit", "width"), [("N", 0), ("m", 0), ("N", 10)])

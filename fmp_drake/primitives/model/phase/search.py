@@ -312,17 +312,14 @@ def _best_attempt(
     attempts = _attempts(recordings, candidates, is_known=is_known)
     limits = _LIMITS[0]
     acceptable = [a for a in attempts if not _objection(a, limits)]
-    cost = min(map(_cost, acceptable), default=np.inf)
-    if cost > _CLEAR_MISFIT and not is_known:
+    best = min(acceptable, key=_cost, default=None)
+    if not is_known and not (best and _is_clear(best)):
+        few = _attempt_of_few_cycles(recordings)
         # One stroke of a few cycles repeats more often, but less exactly than they do.
-        likely = aligned_period(recordings)
-        attempt = _attempt(recordings, likely) if likely else None
-        if (
-            attempt
-            and not _objection(attempt, _LIMITS[1])
-            and _MISFIT_RATIO * _cost(attempt) < cost
+        if few and (
+            best is None or _MISFIT_RATIO * _cost(few, best) < _cost(best, few)
         ):
-            acceptable, limits = [attempt], _LIMITS[1]
+            acceptable, limits = [few], _LIMITS[1]
     if not acceptable:
         limits = _LIMITS[1] if is_known else _LIMITS[2]
         acceptable = [a for a in attempts if not _objection(a, limits)]
@@ -354,6 +351,13 @@ def _best_attempt(
     return best, limits
 
 
+def _attempt_of_few_cycles(recordings: Sequence[Array]) -> _Attempt | None:
+    """Return the attempt with the period of the best alignment, unless it is refused."""
+    period = aligned_period(recordings)
+    attempt = _attempt(recordings, period) if period else None
+    return attempt if attempt and not _objection(attempt, _LIMITS[1]) else None
+
+
 def _attempts(
     recordings: Sequence[Array], candidates: Iterable[float], *, is_known: bool
 ) -> list[_Attempt]:
@@ -367,20 +371,30 @@ def _attempts(
         if attempt is None:
             continue
         attempts.append(attempt)
-        is_most = attempt.samples > sum(map(len, recordings)) / 2
-        # A stroke of a longer cycle has a centre that moves, or is not like all strokes.
-        is_whole = (
-            attempt.track.shifted <= _STEADY and attempt.gaps < attempt.track.cycles / 2
-        )
-        clear = is_most and is_whole and _misfit(attempt) <= _CLEAR_MISFIT
-        if clear and not _objection(attempt, _LIMITS[0]):
+        if _is_clear(attempt) and not _objection(attempt, _LIMITS[0]):
             break
     return attempts
 
 
-def _cost(attempt: _Attempt) -> float:
-    """Return the mean misfit of all samples, in bouts and beside them."""
-    fraction = attempt.samples / sum(map(len, attempt.labels))
+def _is_clear(attempt: _Attempt) -> bool:
+    """Return whether one cycle explains most samples exactly."""
+    # A stroke of a longer cycle has a centre that moves, or is not like all strokes.
+    track = attempt.track
+    is_whole = track.shifted <= _STEADY and attempt.gaps < track.cycles / 2
+    is_most = 2 * attempt.samples > sum(map(len, attempt.labels))
+    return is_most and is_whole and _misfit(attempt) <= _CLEAR_MISFIT
+
+
+def _cost(attempt: _Attempt, rival: _Attempt | None = None) -> float:
+    """Return the mean misfit of samples, in bouts of the attempt and beside them.
+
+    They are all samples, or those in bouts of the attempt or of its rival.
+    """
+    count = sum(map(len, attempt.labels))
+    if rival is not None:
+        both = zip(attempt.bouts, rival.bouts, strict=True)
+        count = sum(int(np.count_nonzero(one | other)) for one, other in both)
+    fraction = attempt.samples / count
     return fraction * _misfit(attempt) + (1 - fraction) * _LEFT_OUT_MISFIT
 
 
