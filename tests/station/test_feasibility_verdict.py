@@ -214,6 +214,27 @@ def test_rotation_channels_are_judged_about_the_normal_too(predicted, stirring):
     assert predicted.asked[0]["R_TE"].shape == (*found.paths.shape, 3)
 
 
+@pytest.mark.parametrize(("at_spring", "named"), [(7, True), (9, False)])
+def test_an_orientation_out_of_reach_is_not_blamed_on_a_fast_joint(
+    predicted, stirring, at_spring, named
+):
+    """As in a run on a fender: 0.6 degrees of a joint at its limit, another at 114 %."""
+
+    def change(motion, **_):
+        motion.error[:, 7:8, 2] = 0.05
+        motion.q[:, at_spring : at_spring + 1, 5] = -limits().half_range[5] + (
+            limits().middle[5] + 0.05
+        )
+        motion.v[..., 3] = 0.96 * limits().speed[3]
+
+    predicted.change = change
+    found = CheckFeasibility(Scenario(), stirring)
+    spring = ", where joint 6 is at a joint-limit spring" if named else ""
+    text = f"skill: the tool is off its orientation by 0.9 degrees rms{spring}. "
+    assert text in found.verdict
+    assert found.suggested_tempo is None
+
+
 @pytest.mark.usefixtures("predicted")
 @pytest.mark.parametrize(("count", "is_feasible"), [(1, True), (40, False)])
 def test_links_that_come_near_the_board_are_named(

@@ -390,23 +390,26 @@ class _Check:
         is_far = self._is_frequent(far) and (
             rms > bounds.tracking_error or self._is_frequent(distance > bounds.farthest)
         )
+        tilt_rms = math.sqrt(np.mean(tilt**2))
         is_tilted = self._is_frequent(tilted) and (
-            math.sqrt(np.mean(tilt**2)) > bounds.tilt_error
-            or self._is_frequent(tilt > bounds.steepest)
+            tilt_rms > bounds.tilt_error or self._is_frequent(tilt > bounds.steepest)
         )
+        text, is_off = "", is_missed
         if is_far or is_tilted:
             degrees = (
                 f" and {np.rad2deg(np.max(angle)):.0f} degrees" if has_rotation else ""
             )
-            spring = (
-                f", where joint {_joint(-margin)} is at a joint-limit spring"
-                if np.any(is_missed & at_spring)
-                else ""
-            )
-            self._faults.append(
+            text = (
                 f"{100 * np.mean(is_missed):.1f} % of the path is out of reach, by up to "
-                f"{1e3 * np.max(distance):.0f} mm{degrees}{spring}"
+                f"{1e3 * np.max(distance):.0f} mm{degrees}"
             )
+        elif has_rotation and tilt_rms > bounds.orientation_error:
+            text = f"the tool is off its orientation by {np.rad2deg(tilt_rms):.1f} degrees rms"
+            is_off = tilt > bounds.orientation_error
+        if text and np.any(is_off & at_spring):
+            text += f", where joint {_joint(-margin)} is at a joint-limit spring"
+        if text:
+            self._faults.append(text)
         if self._is_frequent(is_near):
             self._faults.append(
                 f"on {100 * np.mean(is_near):.1f} % of the path {link} touches the board, or "
@@ -438,11 +441,7 @@ class _Check:
         most = bounds.tilt if self._R_TE is None else bounds.orientation_error
         is_late = lag > bounds.tracking_error or angle > most
         # Out of reach, or at a joint-limit spring, the joints' speed is meaningless.
-        if angle > most and ratio < allowed and not self._faults:
-            self._faults.append(
-                f"the tool is off its orientation by {np.rad2deg(angle):.1f} degrees rms"
-            )
-        elif (is_late or above > bounds.brief) and not self._faults:
+        if (is_late or above > bounds.brief) and not self._faults:
             text = (
                 f"joint {_joint(speed)} needs {100 * ratio:.0f} % of its greatest speed"
             )
