@@ -12,6 +12,7 @@ from pydrake.common.yaml import yaml_dump_typed
 from fmp_drake.errors import StationError
 from fmp_drake.experiments.trials import TrialSpec
 from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.skills.learning import shared_skill
 from fmp_drake.station import (
     CheckFeasibility,
@@ -256,6 +257,21 @@ def test_orientation_channels_have_a_bound_of_their_own():
     found = CheckFeasibility(scenario, skill, bounds=bounds)
     assert not found.is_feasible
     assert "the tool is off its orientation by 0.0 degrees rms" in found.verdict
+
+
+def test_movements_beyond_the_margin_of_the_skill_are_not_judged():
+    # A run does not play them: the samples of this skill are up to 50 mm from its paths.
+    scenario = LoadScenario("gentle")
+    skill, _ = shared_skill(scenario)
+    region = DemonstratedRegion(skill, scenario.skill.margin)
+    drawn = skill.sample(400, with_noise=False)
+    assert np.max(region.distance(drawn)) > 0.03
+    paths = CheckFeasibility(scenario, skill).paths
+    # After the approach from the start.
+    assert np.max(region.distance(paths[:, 20:])) <= region.margin
+    scenario.skill.margin = 0.005
+    narrower = CheckFeasibility(scenario, skill).paths
+    assert not np.array_equal(narrower[:3], paths[:3])
 
 
 def test_tracking_error_is_the_root_sum_of_squares(bundled_skill):

@@ -131,16 +131,42 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         self.check_fitted()
         for name, value in (("n", n), ("seed", seed)):
             check_number(value, name, least=0, most=2**31 - 1, whole=True)
+        if not with_noise or self.phase_model_ is not None:
+            return np.sum(self.draw_windows(n, seed=seed), axis=0)
         rng = np.random.default_rng(seed)
-        counts = rng.multinomial(n, self.proportions_ / self.proportions_.sum())
-        parts: list[Array] = []
-        for j, size in enumerate(counts):
-            if self.phase_model_ is None:
-                drawn = self.components_[j].sample(rng, size, with_noise=with_noise)
-            else:
-                drawn = np.sum(self.draw(j, rng, int(size)), axis=0)
-            parts.append(drawn)
-        return self.synthesize(rng.permutation(np.concatenate(parts)))
+        counts = self._counts(rng, n)
+        drawn = [
+            gaussian.sample(rng, size)
+            for gaussian, size in zip(self.components_, counts, strict=True)
+        ]
+        return self.synthesize(rng.permutation(np.concatenate(drawn)))
+
+    def draw_windows(self, n: int, *, seed: int = 0) -> tuple[Array, Array]:
+        """Draw trajectories of one window as two summands, without white noise.
+
+        Parameters
+        ----------
+        n : int
+        seed : int
+
+        Returns
+        -------
+        centre, deviation : ndarray, shape (n, T, D)
+            As for `draw`.
+        """
+        rng = np.random.default_rng(seed)
+        drawn = [self.draw(j, rng, k) for j, k in enumerate(self._counts(rng, n))]
+        order = rng.permutation(n)
+        centre, deviation = (
+            self.synthesize(np.concatenate(part)[order])
+            for part in zip(*drawn, strict=True)
+        )
+        return centre, deviation
+
+    def _counts(self, rng: np.random.Generator, n: int) -> list[int]:
+        """Draw how many of n windows are of each component."""
+        proportions = self.proportions_ / self.proportions_.sum()
+        return [int(count) for count in rng.multinomial(n, proportions)]
 
     def draw(
         self,

@@ -205,7 +205,8 @@ class _Check:
         """Play windows from the start, and sample windows from the whole mixture.
 
         Half of the windows are any samples, half the longest of many: a run prefers samples
-        that wipe much, which are long and fast.
+        that wipe much, which are long and fast. As in a run, samples are moved towards the
+        mean until they are within the skill's margin.
 
         Returns
         -------
@@ -215,21 +216,28 @@ class _Check:
         skill, config = self._skill, self._scenario.skill
         start = _start_channels(self._scenario, skill, roles)
         beginnings = np.empty((_BEGINNINGS, skill.n_steps, skill.n_channels_))
-        player = Player(skill, sample=config.sample, seed=config.seed)
+        player = Player(
+            skill,
+            sample=config.sample,
+            seed=config.seed,
+            margin=config.margin if skill.paths_ else None,
+        )
         for i in range(_BEGINNINGS):
             state = player.start(start, tempo=self._tempo, seed=config.seed + i)
             for k in range(skill.n_steps):
                 beginnings[i, k] = player.motion(state)[0]
                 state = player.advance(state, player.tick_seconds / self._tempo)
         windows = int(np.clip(_SAMPLES // skill.n_steps, *_WINDOWS))
-        samples = skill.sample(
-            _CANDIDATES * windows, seed=config.seed, with_noise=False
-        )
-        steps = np.diff(samples[..., list(roles.position)], axis=1)
+        steady, deviation = skill.draw_windows(_CANDIDATES * windows, seed=config.seed)
+        steps = np.diff((steady + deviation)[..., list(roles.position)], axis=1)
         lengths = np.sum(np.linalg.norm(steps, axis=2), axis=1)
         longest = np.argsort(lengths[windows // 2 :])[windows // 2 - windows :]
         rows = [*range(windows // 2), *(windows // 2 + longest)]
-        return np.concatenate([beginnings, samples[rows]])[:, ::_STRIDE]
+        steady, deviation = steady[rows], deviation[rows]
+        if player.region is not None:
+            fractions = player.region.largest_fractions(steady, deviation)
+            deviation *= fractions[:, None, None]
+        return np.concatenate([beginnings, steady + deviation])[:, ::_STRIDE]
 
     def result(self) -> Feasibility:
         """Predict the motion along the paths, and return the verdict."""
