@@ -131,23 +131,19 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         self.check_fitted()
         for name, value in (("n", n), ("seed", seed)):
             check_number(value, name, least=0, most=2**31 - 1, whole=True)
-        if not with_noise or self.phase_model_ is not None:
-            return np.sum(self.draw_windows(n, seed=seed), axis=0)
-        rng = np.random.default_rng(seed)
-        counts = self._counts(rng, n)
-        drawn = [
-            gaussian.sample(rng, size)
-            for gaussian, size in zip(self.components_, counts, strict=True)
-        ]
-        return self.synthesize(rng.permutation(np.concatenate(drawn)))
+        return np.sum(self.draw_windows(n, seed=seed, with_noise=with_noise), axis=0)
 
-    def draw_windows(self, n: int, *, seed: int = 0) -> tuple[Array, Array]:
-        """Draw trajectories of one window as two summands, without white noise.
+    def draw_windows(
+        self, n: int, *, seed: int = 0, with_noise: bool = False
+    ) -> tuple[Array, Array]:
+        """Draw trajectories of one window as two summands.
 
         Parameters
         ----------
         n : int
         seed : int
+        with_noise : bool
+            As for `sample`.
 
         Returns
         -------
@@ -155,18 +151,14 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             As for `draw`.
         """
         rng = np.random.default_rng(seed)
-        drawn = [self.draw(j, rng, k) for j, k in enumerate(self._counts(rng, n))]
+        counts = rng.multinomial(n, self.proportions_ / self.proportions_.sum())
+        drawn = [
+            self.draw(j, rng, int(size), with_noise=with_noise)
+            for j, size in enumerate(counts)
+        ]
         order = rng.permutation(n)
-        centre, deviation = (
-            self.synthesize(np.concatenate(part)[order])
-            for part in zip(*drawn, strict=True)
-        )
-        return centre, deviation
-
-    def _counts(self, rng: np.random.Generator, n: int) -> list[int]:
-        """Draw how many of n windows are of each component."""
-        proportions = self.proportions_ / self.proportions_.sum()
-        return [int(count) for count in rng.multinomial(n, proportions)]
+        centre, deviation = map(np.concatenate, zip(*drawn, strict=True))
+        return self.synthesize(centre[order]), self.synthesize(deviation[order])
 
     def draw(
         self,
@@ -175,8 +167,9 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         size: int = 1,
         *,
         past: Array | None = None,
+        with_noise: bool = False,
     ) -> tuple[Array, Array]:
-        """Draw weights of windows of a component, without its white noise.
+        """Draw weights of windows of a component.
 
         Parameters
         ----------
@@ -185,6 +178,8 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         size : int
         past : ndarray, shape (K, D), optional
             The first samples of a window, which a sample of the phase model continues.
+        with_noise : bool
+            As for `sample`.
 
         Returns
         -------
@@ -195,7 +190,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         self.check_fitted()
         gaussian = self.components_[component]
         if self.phase_model_ is None:
-            drawn = gaussian.sample(rng, size, with_noise=False)
+            drawn = gaussian.sample(rng, size, with_noise=with_noise)
             centre = np.broadcast_to(gaussian.mean, drawn.shape)
             return centre, drawn - gaussian.mean
         scaled_past = None if past is None else past / self.scales_

@@ -216,12 +216,8 @@ class _Check:
         skill, config = self._skill, self._scenario.skill
         start = _start_channels(self._scenario, skill, roles)
         beginnings = np.empty((_BEGINNINGS, skill.n_steps, skill.n_channels_))
-        player = Player(
-            skill,
-            sample=config.sample,
-            seed=config.seed,
-            margin=config.margin if skill.paths_ else None,
-        )
+        margin = config.margin if skill.paths_ else None
+        player = Player(skill, sample=config.sample, seed=config.seed, margin=margin)
         for i in range(_BEGINNINGS):
             state = player.start(start, tempo=self._tempo, seed=config.seed + i)
             for k in range(skill.n_steps):
@@ -389,7 +385,6 @@ class _Check:
         )
         is_near, is_missed = clearance < bounds.clearance, far | tilted
         distance, tilt = motion.deviations(has_rotation=has_rotation)
-        angle = np.linalg.norm(motion.error[..., :3], axis=-1)
         rms = math.hypot(
             math.sqrt(np.mean(distance**2)),
             lag,
@@ -404,13 +399,12 @@ class _Check:
         )
         text, is_off = "", is_missed
         if is_far or is_tilted:
-            degrees = (
-                f" and {np.rad2deg(np.max(angle)):.0f} degrees" if has_rotation else ""
-            )
             text = (
                 f"{100 * np.mean(is_missed):.1f} % of the path is out of reach, by up to "
-                f"{1e3 * np.max(distance):.0f} mm{degrees}"
+                f"{1e3 * np.max(distance):.0f} mm"
             )
+            if has_rotation:
+                text += f" and {np.rad2deg(np.max(tilt)):.0f} degrees"
         elif has_rotation and tilt_rms > bounds.orientation_error:
             text = f"the tool is off its orientation by {np.rad2deg(tilt_rms):.1f} degrees rms"
             is_off = tilt > bounds.orientation_error
@@ -426,7 +420,7 @@ class _Check:
         self._is_far = bool(self._faults)
         values: Values = {}
         if has_rotation:
-            values["largest_angle"] = np.max(angle)
+            values["largest_angle"] = np.max(tilt)
         if self._scenario.has_board:
             values["smallest_clearance"] = np.min(clearance)
         return {
