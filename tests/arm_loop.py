@@ -1,6 +1,6 @@
 """The Panda under its impedance controller in free air, with any signals as inputs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from pydrake.common.value import Value
@@ -10,7 +10,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
-from pydrake.systems.primitives import LogVectorOutput
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from fmp_drake.station import AddRobot, LoadRobot
 from fmp_drake.systems.impedance.config import ImpedanceConfig
@@ -23,13 +23,8 @@ PANDA_FRICTION = PANDA.friction
 Q_START = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 X_WT_FLAT = RigidTransform([0.5, 0, 0.1])
 X_WT_TILTED = RigidTransform(RollPitchYaw(0.3, -0.4, 0.5), [0.45, 0.05, 0.2])
-OUTPUTS = (
-    "torque",
-    "tracking_error",
-    "measured_position",
-    "measured_velocity",
-    "status",
-)
+# What a test looks at; each takes a tenth of the time of a simulation.
+LOGGED = ("state", "torque", "tracking_error", "status")
 Signal = Callable[[float], np.ndarray]
 
 
@@ -141,7 +136,8 @@ class ArmLoop:
 
     Signals are functions of the time, or of the time and the arm's state. What is
     not given rests at the pose of the start; optional inputs stay unconnected.
-    `push` is a wrench in the world, `load` a generalized force.
+    `push` is a wrench in the world, `load` a generalized force. `log` names outputs of
+    the controller, `state` and `push`.
     """
 
     def __init__(
@@ -156,19 +152,18 @@ class ArmLoop:
         load: Signal | None = None,
         engage_height: float = 0.01,
         stops: bool = True,
-        log: bool = True,
+        log: Sequence[str] = LOGGED,
     ) -> None:
-        signals = dict(signals or {})
         self.q = np.array(q, dtype=float)
         self.X_TE = pose_in_task(make_arm(), q, X_WT)
         config = PANDA.complete(config or ImpedanceConfig())
-        if "desired_orientation" not in signals:
-            wxyz = quaternion(self.X_TE.rotation())
-            signals["desired_orientation"] = lambda _t: wxyz
-        p = self.X_TE.translation()
-        signals.setdefault("desired_position", lambda _t: p)
-        for name in ("desired_velocity", "desired_acceleration"):
-            signals.setdefault(name, lambda _t: np.zeros(3))
+        resting = {
+            "desired_orientation": quaternion(self.X_TE.rotation()),
+            "desired_position": self.X_TE.translation(),
+            "desired_velocity": np.zeros(3),
+            "desired_acceleration": np.zeros(3),
+        }
+        moving = dict(signals or {})
 
         builder = DiagramBuilder()
         self.plant = builder.AddSystem(make_arm(gravity=False, stops=stops))
@@ -184,39 +179,47 @@ class ArmLoop:
         )
         sized = {
             name: (self.controller.GetInputPort(name).size(), function)
-            for name, function in signals.items()
+            for name, function in moving.items()
         }
-        sized["push"] = (6, push or (lambda _t: np.zeros(6)))
-        sized["load"] = (7, load or (lambda _t: np.zeros(7)))
+        sized |= {"push": (6, push)} if push else {}
+        sized |= {"load": (7, load)} if load else {}
         source = builder.AddSystem(Signals(sized, 7))
         state = self.plant.get_state_output_port()
         for system in (source, self.controller):
             builder.Connect(state, system.GetInputPort("state"))
-        for name in signals:
+        for name in moving:
             builder.Connect(
                 source.GetOutputPort(name), self.controller.GetInputPort(name)
+            )
+        for name in resting.keys() - moving.keys():
+            constant = builder.AddSystem(ConstantVectorSource(resting[name]))
+            builder.Connect(
+                constant.get_output_port(), self.controller.GetInputPort(name)
             )
         builder.Connect(
             self.controller.GetOutputPort("torque"),
             self.plant.get_actuation_input_port(),
         )
-        pusher = builder.AddSystem(Push(self.plant))
-        builder.Connect(source.GetOutputPort("push"), pusher.get_input_port())
-        builder.Connect(
-            pusher.get_output_port(), self.plant.get_applied_spatial_force_input_port()
-        )
-        builder.Connect(
-            source.GetOutputPort("load"),
-            self.plant.get_applied_generalized_force_input_port(),
-        )
-        self._logs = {}
-        if log:
-            ports = [self.controller.GetOutputPort(name) for name in OUTPUTS]
-            self._logs = {
-                port.get_name(): LogVectorOutput(port, builder, 0.001)
-                for port in (*ports, source.GetOutputPort("push"))
-            }
-            self._logs["state"] = LogVectorOutput(state, builder, 0.001)
+        if push:
+            pusher = builder.AddSystem(Push(self.plant))
+            builder.Connect(source.GetOutputPort("push"), pusher.get_input_port())
+            builder.Connect(
+                pusher.get_output_port(),
+                self.plant.get_applied_spatial_force_input_port(),
+            )
+        if load:
+            builder.Connect(
+                source.GetOutputPort("load"),
+                self.plant.get_applied_generalized_force_input_port(),
+            )
+        ports = {"state": state}
+        if push:
+            ports["push"] = source.GetOutputPort("push")
+        for name in set(log) - {*ports}:
+            ports[name] = self.controller.GetOutputPort(name)
+        self._logs = {
+            name: LogVectorOutput(ports[name], builder, 0.001) for name in log
+        }
         self.diagram = builder.Build()
 
     def run(self, duration: float, *, v: np.ndarray | None = None, stop=None) -> dict:

@@ -64,7 +64,7 @@ def test_one_update_of_the_controller(benchmark, controller, context):
 def test_one_step_of_arm_and_controller(benchmark):
     """A millisecond of the arm in free air with nothing logged; its share is one
     update's time by this."""
-    loop = ArmLoop(log=False)
+    loop = ArmLoop(log=())
     simulator = Simulator(loop.diagram)
     plant_context = loop.plant.GetMyMutableContextFromRoot(
         simulator.get_mutable_context()

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arm_loop import (
+    LOGGED,
     PANDA_FRICTION,
     Q_START,
     ArmLoop,
@@ -281,7 +282,7 @@ def test_a_moving_arm_without_a_reference_motion_generates_no_energy(
         def push(t, state, absorb=absorb):
             return restless_push(t) if environment == "pushing" else absorb(t, state)
 
-        loop = ArmLoop(q=q, push=push)
+        loop = ArmLoop(q=q, push=push, log=("state", "push"))
         energy = np.cumsum(loop.power(loop.run(1.5, v=v))) * 0.001
         given_back = max(given_back, -energy.min() / kinetic)
     table[f"energy given to an environment that is {environment}, of the start's"] = (
@@ -321,7 +322,8 @@ def pumped(tank):
         translational_stiffness=[300.0, 300.0, 300.0],
         tank=tank,
     )
-    loop = ArmLoop({"stiffness": stiffness}, config=config, push=push)
+    logged = ("state", "push", "status")
+    loop = ArmLoop({"stiffness": stiffness}, config=config, push=push, log=logged)
     logs = loop.run(4.0)
     return np.cumsum(loop.power(logs)) * 0.001, logs["status"]
 
@@ -340,6 +342,9 @@ def test_a_changing_stiffness_gives_no_more_than_the_tank_had(table):
 
 
 # Limits.
+
+LIMITED = ("state", "torque")
+MEASURED = ("measured_position", "measured_velocity")
 
 
 def check_limits(logs, plant):
@@ -407,7 +412,8 @@ def disturbed(p, kind):
 def test_a_bad_target_causes_a_stop_and_a_recovery(kind, flag, worst_limits):
     plant = make_arm()
     p = pose_in_task(plant, Q_START, RigidTransform([0.5, 0, 0.1])).translation()
-    logs = ArmLoop(disturbed(p, kind), stops=False).run(3.0)
+    logged = (*LIMITED, "status", "measured_position")
+    logs = ArmLoop(disturbed(p, kind), stops=False, log=logged).run(3.0)
     worst_limits.append(check_limits(logs, plant))
     seen = flags_seen(logs)
     assert flag | StatusFlag.PROTECTIVE_STOP | StatusFlag.RECOVER in seen
@@ -501,7 +507,9 @@ def test_limits_hold_at_singular_poses_under_steps_and_pushes(pose, worst_limits
     def push(t):
         return np.r_[np.zeros(3), pushes[int(t / 0.3) % 20] if t < 1.5 else np.zeros(3)]
 
-    logs = ArmLoop({"desired_position": position}, q=q, push=push, stops=False).run(3.0)
+    logs = ArmLoop(
+        {"desired_position": position}, q=q, push=push, stops=False, log=LIMITED
+    ).run(3.0)
     worst_limits.append(check_limits(logs, plant))
     assert np.abs(logs["state"][-1, 7:]).max() < 0.2
 
@@ -529,7 +537,7 @@ def test_the_walls_keep_every_joint_inside(joint, side, how, worst_limits):
         force = 50 * direction / length if pushing else np.zeros(3)
         return np.r_[np.zeros(3), force]
 
-    logs = ArmLoop(q=q, push=push, stops=False).run(0.7, v=v)
+    logs = ArmLoop(q=q, push=push, stops=False, log=LIMITED).run(0.7, v=v)
     worst_limits.append(check_limits(logs, plant))
 
 
@@ -786,7 +794,7 @@ def test_every_optional_input_is_followed_with_and_without_caching():
 def test_two_runs_with_a_fault_are_identical():
     plant = make_arm()
     p = pose_in_task(plant, Q_START, RigidTransform([0.5, 0, 0.1])).translation()
-    loop = ArmLoop(disturbed(p, "jump"))
+    loop = ArmLoop(disturbed(p, "jump"), log=(*LOGGED, *MEASURED))
     first, second = loop.run(0.9), loop.run(0.9)
     for name, values in first.items():
         np.testing.assert_array_equal(values, second[name])

@@ -439,9 +439,7 @@ def wavering(kind):
 )
 def test_clone_continues_bit_identically_after_any_evaluation(kind):
     signals, config = wavering(kind)
-    loop = ArmLoop(
-        signals, config=config, X_WT=X_WT_TILTED, log=False, engage_height=10.0
-    )
+    loop = ArmLoop(signals, config=config, X_WT=X_WT_TILTED, log=(), engage_height=10.0)
     end = 0.08
 
     def start():
