@@ -34,16 +34,26 @@ TICK = 0.1
 REMAP = 2.0  # (T - K) / rate of `small_skill`
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def system(small_skill):
     """The system of a skill with T = 24, K = 4, D = 2, 10 Hz."""
     return FourierPrimitiveSystem(small_skill)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def start(small_skill):
     """A start 5 cm outside what was demonstrated."""
     return small_skill.extent_[1] + 0.05
+
+
+@pytest.fixture(scope="module")
+def recorded(small_skill, start):
+    """A system that plays means (False) or samples (True), and its `record` of 6.3 s."""
+    systems = {
+        sample: FourierPrimitiveSystem(small_skill, sample=sample)
+        for sample in (False, True)
+    }
+    return {k: (s, record(simulator_at(s, start), 6.3)) for k, s in systems.items()}
 
 
 def context_at(system, measured, time=0.0):
@@ -288,8 +298,9 @@ def test_state_taken_from_a_context_does_not_change_later(system, start):
 # Independence and repeatability ---------------------------------------------
 
 
-def test_interleaved_contexts_are_independent(system, start):
-    alone = [record(simulator_at(system, p), 4.5) for p in (start, -start)]
+def test_interleaved_contexts_are_independent(recorded, start):
+    system, rows = recorded[False]
+    alone = [rows[:151], record(simulator_at(system, -start), 4.5)]
     one, two = simulator_at(system, start), simulator_at(system, -start)
     rows = ([], [])
     for i in range(151):
@@ -303,19 +314,18 @@ def test_interleaved_contexts_are_independent(system, start):
 
 
 @pytest.mark.parametrize("sample", [False, True])
-def test_two_simulations_are_identical(small_skill, start, sample):
-    system = FourierPrimitiveSystem(small_skill, sample=sample)
-    first = record(simulator_at(system, start), 6.3)
+def test_two_simulations_are_identical(small_skill, recorded, start, sample):
+    system, first = recorded[sample]
     assert np.array_equal(record(simulator_at(system, start), 6.3), first)
     twin = FourierPrimitiveSystem(small_skill, sample=sample)
     assert np.array_equal(record(simulator_at(twin, start), 6.3), first)
 
 
 @pytest.mark.parametrize("sample", [False, True])
-def test_simulator_that_is_reset_runs_the_same_again(small_skill, start, sample):
-    system = FourierPrimitiveSystem(small_skill, sample=sample)
+def test_simulator_that_is_reset_runs_the_same_again(recorded, start, sample):
+    system, first = recorded[sample]
     simulator = simulator_at(system, start)
-    first = record(simulator, 6.3)
+    simulator.AdvanceTo(6.3)
     simulator.get_mutable_context().SetTime(0.0)
     simulator.Initialize()
     assert np.array_equal(record(simulator, 6.3), first)
@@ -377,13 +387,13 @@ def test_a_context_is_restored_after_drake_has_set_its_integrator(system, start)
     )
 
 
-def test_caching_makes_no_difference(system, start):
-    cached = record(simulator_at(system, start), 4.5)
+def test_caching_makes_no_difference(recorded, start):
+    system, cached = recorded[False]
     context = context_at(system, start)
     context.DisableCaching()
     simulator = Simulator(system, context)
     simulator.Initialize()
-    assert np.array_equal(record(simulator, 4.5), cached)
+    assert np.array_equal(record(simulator, 4.5), cached[:151])
 
 
 def test_outputs_follow_time_and_state_not_the_input(system, start):
@@ -416,12 +426,12 @@ def test_starts_at_rest_where_the_robot_is(system, start):
     assert_allclose(got["velocity"], 0, atol=1e-12)
 
 
-def test_input_is_read_only_at_initialisation(system, start):
-    still = record(simulator_at(system, start), 4.5)
+def test_input_is_read_only_at_initialisation(recorded, start):
+    system, still = recorded[False]
     simulator = simulator_at(system, start)
     context = simulator.get_mutable_context()
     system.GetInputPort("measured_position").FixValue(context, start + 1)
-    assert np.array_equal(record(simulator, 4.5), still)
+    assert np.array_equal(record(simulator, 4.5), still[:151])
 
 
 @pytest.mark.parametrize("t0", [2.0, 0.03, 1.0001, 17.77])
@@ -544,8 +554,9 @@ def test_port_chooses_between_samples_and_means(small_skill, start):
 
     # The start tracks what the parameter says, later re-mappings what the port says.
     assert np.array_equal(run(1.0, True), run(None, True))
-    assert np.array_equal(run(0.0, False), run(None, False))
-    assert not np.array_equal(run(1.0, False), run(None, False))
+    means = run(None, False)
+    assert np.array_equal(run(0.0, False), means)
+    assert not np.array_equal(run(1.0, False), means)
 
 
 # Plan -------------------------------------------------------------------------
@@ -638,8 +649,12 @@ def test_reactive_remapping_continues_from_the_pushed_robot(reactive, small_skil
         simulator.AdvanceTo(0.1 * i)
         desired = reactive.GetOutputPort("position").Eval(context)
         away.append(np.linalg.norm(desired - held))
-    free = record(simulator_at(reactive.__class__(small_skill), (low + high) / 2), 20)
-    unled = np.linalg.norm(free[:, :2] - held, axis=1)
+    system = FourierPrimitiveSystem(small_skill)
+    simulator, unled = simulator_at(system, (low + high) / 2), []
+    for i in range(667):
+        simulator.AdvanceTo(0.03 * i)
+        desired = system.GetOutputPort("position").Eval(simulator.get_context())
+        unled.append(np.linalg.norm(desired - held))
     assert np.mean(away[20:]) < 0.5 * np.mean(unled[60:])
 
 
@@ -651,22 +666,30 @@ def with_hole(system, start, value, length, *, begin=1.0, until=4.0):
     for i in range(round(until / 0.02) + 1):
         now = 0.02 * i
         simulator.AdvanceTo(now)
-        shown = {n: v.copy() for n, v in outputs(system, context).items()}
+        position, age = (
+            system.GetOutputPort(name).Eval(context).copy()
+            for name in ("position", "measurement_age")
+        )
         is_hole = begin <= now < begin + length
-        measured = [value, 0.0] if is_hole else shown["position"]
+        measured = [value, 0.0] if is_hole else position
         system.GetInputPort("measured_position").FixValue(context, measured)
-        rows.append(np.r_[now, shown["position"], shown["measurement_age"]])
+        rows.append(np.r_[now, position, age])
     return np.array(rows), outputs(system, context)["remaps"]
+
+
+@pytest.fixture(scope="module")
+def tolerant(small_skill, start):
+    """A system whose threshold the movement itself does not reach in a hole, and its run."""
+    system = FourierPrimitiveSystem(small_skill, push_threshold=1.0)
+    return system, with_hole(system, start, np.nan, 0.0)[0]
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e11, -1e11])
 @pytest.mark.parametrize("length", [0.15, 1.5])
 def test_short_gap_of_the_measurement_is_bridged_and_a_long_one_stops_the_movement(
-    small_skill, start, value, length
+    tolerant, start, value, length
 ):
-    # A threshold that the movement itself does not reach in the hole.
-    system = FourierPrimitiveSystem(small_skill, push_threshold=1.0)
-    free, _ = with_hole(system, start, value, 0.0)
+    system, free = tolerant
     rows, remaps = with_hole(system, start, value, length)
     assert np.all(np.isfinite(rows))
     assert remaps[1] == 0
