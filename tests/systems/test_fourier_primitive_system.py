@@ -350,21 +350,29 @@ def test_cloned_context_continues_identically(small_skill, start, tempo, thresho
     context = context_at(system, start)
     system.GetInputPort("tempo").FixValue(context, tempo)
     simulator = Simulator(system, context)
-    clones = []
+    clones, expected = [], []
+
+    def look():
+        expected.append((context.get_time(), outputs(system, context), groups(context)))
+
     for instant in ODD_INSTANTS:
         simulator.AdvanceTo(instant)
-        outputs(system, context)  # Whatever anybody has looked at.
+        look()
         clones.append(context.Clone())
     simulator.AdvanceTo(np.ceil(ODD_INSTANTS[-1] / TICK) * TICK)
     clones.append(context.Clone())
     simulator.AdvancePendingEvents()
     clones.append(context.Clone())
-    end = ODD_INSTANTS[-1] + 0.777
-    simulator.AdvanceTo(end)
-    expected = outputs(system, context)
-    for clone in clones:
+    simulator.AdvanceTo(ODD_INSTANTS[-1] + 0.777)
+    look()
+    # The first one to the end, as the last ones, and all others to the next instant.
+    nexts = [-1, *range(2, len(expected)), -1, -1]
+    for clone, i in zip(clones, nexts, strict=True):
+        end, shown, state = expected[i]
         Simulator(system, clone).AdvanceTo(end)
-        assert_same_outputs(outputs(system, clone), expected)
+        assert_same_outputs(outputs(system, clone), shown)
+        for one, two in zip(groups(clone), state, strict=True):
+            assert np.array_equal(one, two)
 
 
 def test_a_context_is_restored_after_drake_has_set_its_integrator(system, start):
@@ -490,10 +498,13 @@ def test_tempo_is_that_of_the_player(small_skill, start, tempo):
     played = played_at(system, start, lambda _: tempo, 4.2)
     player = Player(small_skill)
     first = player.start(start, tempo=tempo)
-    expected = [
-        player.motion(player.advance(first, 0.01 * i)) for i in range(len(played))
-    ]
-    assert_allclose(played[:, :2], np.array(expected)[:, :2], atol=1e-6)
+    # From seconds before, and not from the start each time.
+    states = [first]
+    for i in range(1, len(played)):
+        passed = i % 100 or 100
+        states.append(player.advance(states[i - passed], 0.01 * passed))
+    expected = np.array([player.motion(state) for state in states])
+    assert_allclose(played[:, :2], expected[:, :2], atol=1e-6)
 
 
 def test_soft_start_follows_the_demonstrated_path_from_rest():
