@@ -111,9 +111,13 @@ def test_a_skill_is_learned_before_it_is_used(use):
         use(NOT_FITTED)
 
 
+# Windows of 6 s take three times as long to learn.
+QUICK = {"window": 2.0}
+
+
 @pytest.fixture(scope="module")
 def period():
-    return fit(CIRCLES, rate=20).period_
+    return fit(CIRCLES, rate=20, **QUICK).period_
 
 
 @pytest.mark.parametrize(
@@ -128,7 +132,7 @@ def period():
     ids=["lists", "float32", "Fortran", "strided", "read-only"],
 )
 def test_arrays_of_any_layout_give_the_same_skill(given, period):
-    assert fit(given, rate=20).period_ == pytest.approx(period, abs=1e-5)
+    assert fit(given, rate=20, **QUICK).period_ == pytest.approx(period, abs=1e-5)
 
 
 def test_dates_are_seconds_from_the_first():
@@ -146,7 +150,7 @@ def test_one_path_is_read_like_a_list_of_it(tmp_path):
 
 
 def test_objects_describe_their_content():
-    skill = fit(recording())
+    skill = fit(recording(), **QUICK)
     assert repr(recording()) == (
         "<Demonstration: x (m), y (m), z (m); 400 samples in 19.95 s>"
     )
@@ -158,7 +162,7 @@ def test_objects_describe_their_content():
     "copied", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))]
 )
 def test_copies_play_the_same_movement(copied):
-    skill = learn_skill(recording())
+    skill = learn_skill(recording(), **QUICK)
     start = CIRCLES[0]
     expected = Player(skill).rollout(start, 2.0)
     assert np.array_equal(Player(copied(skill)).rollout(start, 2.0), expected)

@@ -1,5 +1,6 @@
 """Facts about the check before the start: can the arm follow the skill on the board?"""
 
+import functools
 import pickle
 import re
 
@@ -44,6 +45,7 @@ def kinematics():
     return known.values()
 
 
+@functools.cache
 def check(skill, *, x=0.55, tempo=1.0, press=10.0, start=(0.0, 0.0, 0.05)):
     scenario = Scenario()
     scenario.board.translation[0] = x
