@@ -259,6 +259,15 @@ def _own(folder, changes, **fields):
     return folder / "own.yaml"
 
 
+def test_a_robot_that_is_changed_or_whose_file_is_changed_is_loaded_anew(tmp_path):
+    file = _own(tmp_path, {})
+    robot = LoadRobot(file)
+    posture = [*robot.posture]
+    robot.posture[0] += 1.0
+    assert LoadRobot(file).posture == posture
+    assert LoadRobot(_own(tmp_path, {}, posture=[0.1] * 6)).posture == [0.1] * 6
+
+
 FINGER = """<link name="finger"/><joint name="grip" type="{}"><parent link="ur5e_flange"/>
 <child link="finger"/><axis xyz="0 1 0"/><limit lower="0" upper="1" effort="9"
 velocity="1"/></joint></robot>"""
