@@ -17,51 +17,56 @@ from fmp_drake.primitives.data.files import (
     write_text,
 )
 
-# Writes half of a file, says so, and waits to be killed.
-HALF = """
+# Writes halves of a table and of a text, says so, and waits to be killed.
+HALVES = """
 import sys, time
 from pathlib import Path
-from fmp_drake.primitives.data.files import replaced, write_npz, write_text
+from fmp_drake.primitives.data.files import replaced, write_npz
 import numpy as np
 
-kind, path = sys.argv[1], Path(sys.argv[2])
-
-def wait():
-    print("half", flush=True)
-    time.sleep(60)
+folder = Path(sys.argv[1])
 
 class Endless:
     shape = (10**9, 3)
     def blocks(self):
         yield np.zeros((10**5, 3))
-        wait()
+        print("half", flush=True)
+        time.sleep(60)
 
-if kind == "npz":
-    write_npz(path, {"x": Endless()})
-elif kind == "text":
-    with replaced(path) as part:
-        part.write_text("half")
-        wait()
+with replaced(folder / "text" / "out.text") as part:
+    part.write_text("half")
+    write_npz(folder / "npz" / "out.npz", {"x": Endless()})
 """
+OLDER = {"npz": b"precious", "text": None}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("kind", "older"), [("npz", b"precious"), ("text", None)])
-def test_a_writer_that_is_killed_leaves_the_older_file_or_none(kind, older, tmp_path):
-    path = tmp_path / f"out.{kind}"
-    if older is not None:
-        path.write_bytes(older)
+@pytest.fixture(scope="module")
+def half_written(tmp_path_factory):
+    """A folder for each kind of file, in which its writer was killed."""
+    folder = tmp_path_factory.mktemp("half")
+    for kind, older in OLDER.items():
+        (folder / kind).mkdir()
+        if older is not None:
+            (folder / kind / f"out.{kind}").write_bytes(older)
     with subprocess.Popen(
-        [sys.executable, "-c", HALF, kind, str(path)], stdout=subprocess.PIPE
+        [sys.executable, "-c", HALVES, str(folder)], stdout=subprocess.PIPE
     ) as writer:
         assert writer.stdout.readline() == b"half\n"
         writer.send_signal(signal.SIGKILL)
-    assert (path.read_bytes() if path.exists() else None) == older
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", OLDER)
+def test_a_writer_that_is_killed_leaves_the_older_file_or_none(kind, half_written):
+    folder = half_written / kind
+    path = folder / f"out.{kind}"
+    assert (path.read_bytes() if path.exists() else None) == OLDER[kind]
     # Afterwards it is written as if nothing had happened, and nothing is left over.
-    assert len(list(tmp_path.glob(".out.*.part*"))) == 1
+    assert len(list(folder.glob(".out.*.part*"))) == 1
     write_text(path, "new")
     assert path.read_text() == "new"
-    assert list(tmp_path.iterdir()) == [path]
+    assert list(folder.iterdir()) == [path]
 
 
 def test_a_writer_that_fails_leaves_the_older_file_and_nothing_else(tmp_path):
