@@ -527,10 +527,8 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         played does not.
         """
         out = self.covariance(component, step)
-        calibration = self.calibration_
-        if calibration is None:
-            return out
-        if self.phase_model_ is None or calibration.playback_covariances is not None:
+        calibration, is_mixture = self.calibration_, self.phase_model_ is None
+        if calibration and (is_mixture or calibration.playback_covariances is not None):
             errors = calibration.playback_covariance(step - self.overlap + 1)
             out = out + errors * np.outer(self.scales_, self.scales_)
         return out
