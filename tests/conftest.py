@@ -50,7 +50,7 @@ log_natively()
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 _PRIMITIVES = REPOSITORY / "tests" / "primitives"
-_LEARNING = ("tests/primitives", "tests/experiments", "tests/test_blas")
+_LEARNING = ("tests/primitives", "tests/test_blas")
 # Where it fails, nobody waits for it: a test says why.
 _WARM_UP = """
 import pathlib, sys
