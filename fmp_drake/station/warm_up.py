@@ -39,26 +39,30 @@ _FAST_COMPILATION = {
 class LawCompilation:
     """Compilation of the control law by two other processes, in parallel to this one.
 
-    They write the law, and the functions that it calls, into the cache. Cheaper
-    optimisations are enabled: the law is as fast, and compiled sooner.
+    They write the law and the measured motion into the cache. Cheaper optimisations are
+    enabled: the law is as fast, and compiled sooner.
     """
 
     def __init__(self) -> None:
         function: Any = impedance_step
-        self._cache, python = Path(function.stats.cache_path), function.py_func
+        cache, python = Path(function.stats.cache_path), function.py_func
         self._count = function_counts[Path(inspect.getfile(python)).parent]
         self._process: subprocess.Popen[bytes] | None = None
-        if any(self._cache.glob(f"*.{python.__name__}-*.nbc")):
+        if any(cache.glob(f"*.{python.__name__}-*.nbc")):
             return
         announcer.on_start()
         cache_dir = numba.config.CACHE_DIR  # type: ignore[attr-defined]
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _COMPILE_STEP],
             env={**os.environ, **_FAST_COMPILATION, "NUMBA_CACHE_DIR": cache_dir},
+            bufsize=0,
             stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
         )
+        output: Any = self._process.stdout
+        os.set_blocking(output.fileno(), False)
+        self._output, self._done = output, 0
         atexit.register(self._process.kill)
 
     def progress(self) -> Iterator[float]:
@@ -77,8 +81,8 @@ class LawCompilation:
 
     def _fraction(self) -> float:
         # The last function, which includes the others, takes a quarter of the time.
-        # Those that only the parts call are not in the folder.
-        return min(1.0, len([*self._cache.glob("*.nbi")]) / self._count) * 3 / 4
+        self._done += len(self._output.read() or b"")
+        return min(1.0, self._done / self._count) * 3 / 4
 
 
 def _compile_ink() -> None:

@@ -73,11 +73,11 @@ def random_step(rng, ports):
     joints = joint_settings(full_config(), limits=limits, q_posture=np.zeros(N))
     packed = np.zeros(1, PACKED)
     for name in ports:
-        packed[name] = 0.3 * rng.normal(size=PORTS[name])
+        packed[name] = 0.3 * rng.normal(size=packed[name].shape)
         packed[f"has_{name}"] = 1.0
     A, B = rng.normal(size=(2, N, N))
-    packed["stiffness"] = (100 * np.eye(6) + A[:6, :6] @ A[:6, :6].T).ravel()
-    packed["covariance"] = (1e-4 * B[:3, :3] @ B[:3, :3].T).ravel()
+    packed["stiffness"] = 100 * np.eye(6) + A[:6, :6] @ A[:6, :6].T
+    packed["covariance"] = 1e-4 * B[:3, :3] @ B[:3, :3].T
     arm = (
         True,
         rng.normal(size=2 * N),
@@ -136,7 +136,7 @@ def test_invalid_covariance_or_stiffness_leaves_the_last_stiffness(
     settings, joints, packed, previous, memory, arm = random_step(
         np.random.default_rng(0), PORTS
     )
-    packed[port] = value.ravel()
+    packed[port] = value
     arguments = settings.view(np.uint8), joints, packed.view(float), 0.0, previous
     found = impedance_step(*arguments, memory, *arm)
     assert_equal_updates(found, plain_step(monkeypatch, *arguments, memory, *arm))

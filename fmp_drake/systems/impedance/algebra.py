@@ -67,7 +67,10 @@ def applied(A: Array, x: Array) -> Array:
     """Return ``A x`` for a matrix, shape (n, m), and a vector, shape (m,)."""
     y = np.empty(A.shape[0])
     for i in range(A.shape[0]):
-        y[i] = dot(A[i], x)
+        total = 0.0
+        for k in range(A.shape[1]):
+            total += A[i, k] * x[k]
+        y[i] = total
     return y
 
 
@@ -77,7 +80,10 @@ def product(A: Array, B: Array) -> Array:
     C = np.empty((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
         for j in range(B.shape[1]):
-            C[i, j] = dot(A[i], B[:, j])
+            total = 0.0
+            for k in range(A.shape[1]):
+                total += A[i, k] * B[k, j]
+            C[i, j] = total
     return C
 
 
@@ -141,7 +147,7 @@ def rotation_from_quaternion(wxyz: Array) -> Array:
 
     Both signs give the same matrix. A quaternion of length 0 gives NaN.
     """
-    w, x, y, z = wxyz
+    w, x, y, z = wxyz[0], wxyz[1], wxyz[2], wxyz[3]
     squared = w * w + x * x + y * y + z * z
     s = 2 / squared if squared > 0 else math.nan
     R = np.empty((3, 3))

@@ -1,4 +1,4 @@
-"""Compilation of the controller's update by two processes, side by side.
+"""Compilation of the controller's functions by two processes, side by side.
 
 One compiles `impedance_step`, the other those of its parts that take longest. The parts
 are ready in the cache before the first process needs them.
@@ -11,6 +11,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba.core import event
 from numba.core.caching import NullCache
 from numba.core.dispatcher import Dispatcher
 from numba.core.sigutils import normalize_signature
@@ -21,24 +22,41 @@ from fmp_drake.systems.impedance.records import LAYOUT, MEMORY, PACKED
 from fmp_drake.systems.impedance.step import (
     STEP_TYPES,
     impedance_step,
+    measured_motion,
     next_stiffness,
 )
 
 
+class _Progress(event.Listener):
+    """Output of one byte for each function that has been compiled."""
+
+    def on_start(self, event: Any) -> None:
+        """Output nothing at the start of a compilation."""
+
+    def on_end(self, event: Any) -> None:
+        """Output a byte if the function is one of this folder."""
+        if event.data["dispatcher"].__module__.startswith(f"{__package__}."):
+            os.write(sys.stdout.fileno(), b".")
+
+
 def compile_step() -> None:
-    """Compile the update, and the functions that it calls, into the cache.
+    """Compile the update, and `measured_motion`, into the cache.
 
     The other process is a copy of this one: it has imported and compiled already what
     both need.
     """
+    event.register("numba:compile", _Progress())  # type: ignore[no-untyped-call]
     # Nearly all of the compiler's objects live until its end: a search for garbage among
     # them takes a fifth of the time.
     gc.disable()
+    parts = _parts()
+    _leave_inside({impedance_step, *(function for function, _ in parts)})
     matrix = np.zeros((6, 6))
     _compile(mobility, (matrix, matrix))
     if os.fork() == 0:
         try:
-            _compile_parts()
+            for function, arguments in parts:
+                _compile(function, arguments)
         finally:
             os._exit(0)
     types, _ = normalize_signature(STEP_TYPES)  # type: ignore[no-untyped-call]
@@ -46,21 +64,18 @@ def compile_step() -> None:
     step.compile(types)
 
 
-def _compile_parts() -> None:
-    """Compile some parts of the update, and store only these in the cache.
+def _leave_inside(stored: set[Any]) -> None:
+    """Compile the other functions only as parts of these, without code to call them.
 
-    Two processes that store one function for different types at once would overwrite each
-    other's files.
+    Python could not call them, so they are not stored in the cache. The code that reads
+    Python's arguments is a fifth of all.
     """
-    parts = _parts()
-    stored = [function for function, _ in parts]
     for name, module in list(sys.modules.items()):
         if name.startswith(f"{__package__}."):
             for function in vars(module).values():
                 if isinstance(function, Dispatcher) and function not in stored:
                     function._cache = NullCache()  # type: ignore[attr-defined]
-    for function, arguments in parts:
-        _compile(function, arguments)
+                    function.targetoptions["no_cpython_wrapper"] = True
 
 
 def _compile(function: Any, arguments: tuple[Any, ...]) -> None:
@@ -68,7 +83,7 @@ def _compile(function: Any, arguments: tuple[Any, ...]) -> None:
 
 
 def _parts() -> list[tuple[Any, tuple[Any, ...]]]:
-    """Return each part with arguments of the types that the update passes to it."""
+    """Return each part, and `measured_motion`, with arguments of their types."""
     settings: Any = np.zeros(1, LAYOUT).view(np.recarray)[0]
     config, six, matrix = settings.config, np.zeros(6), np.zeros((6, 6))
     n = 7
@@ -96,5 +111,9 @@ def _parts() -> list[tuple[Any, tuple[Any, ...]]]:
         (
             next_stiffness,
             (settings, np.zeros(1, MEMORY)[0], np.zeros(1, PACKED)[0], six),
+        ),
+        (
+            measured_motion,
+            (np.zeros(1, np.uint8), six, np.zeros((4, 3)), six),
         ),
     ]

@@ -200,6 +200,15 @@ def rate_limited(change: Array, wall: Array, max_change: float) -> Array:
     return limited
 
 
+@compiled
+def clipped(torque: Array, lower: Array, upper: Array) -> Array:
+    """Return a torque within limits of each joint; all have shape (n,), in Nm."""
+    result = np.empty(len(torque))
+    for i in range(len(torque)):
+        result[i] = min(max(torque[i], lower[i]), upper[i])
+    return result
+
+
 class LimitedTorque(NamedTuple):
     """Torque within all limits, and the limits that were active.
 
@@ -269,8 +278,12 @@ def speed_limited(
     """
     L, _ = cholesky(M)
     root = solve_lower(L, np.eye(len(v)))
-    acceleration = applied(root.T, applied(root, torque - Cv))
-    duration = period * (1 + 0.5 * np.max(np.abs(torque - Cv)) / max_change)
+    effort = torque - Cv
+    acceleration = applied(root.T, applied(root, effort))
+    greatest = 0.0
+    for i in range(len(v)):
+        greatest = max(greatest, abs(effort[i]))
+    duration = period * (1 + 0.5 * greatest / max_change)
     overspeed = unavoidable = False
     for i in range(len(v)):
         # A torque that already slows the joint down is not changed.
@@ -285,7 +298,7 @@ def speed_limited(
         # Where more than its own acceleration has to be countered, as in contact.
         if wall[i] != 0 and v[i] * (torque[i] - previous[i] - change[i]) < 0:
             change[i] = torque[i] - previous[i]
-    if np.max(np.abs(change)) <= max_change:
+    if rate_scale(change, max_change) == 1:
         change -= applied(M, v) / _STOPPING_TIME
     return previous + rate_limited(change, wall, max_change), True
 
@@ -321,28 +334,28 @@ def limited_torque(
     weight : array, shape (n,)
         Generalized force of gravity, which the motors counter, Nm.
     """
-    lower, upper = limits.lower_effort, limits.upper_effort
-    lower = np.maximum(
-        np.minimum(_EFFORT_FRACTION * lower + weight, _EFFORT_RESERVE * lower), lower
-    )
-    upper = np.minimum(
-        np.maximum(_EFFORT_FRACTION * upper + weight, _EFFORT_RESERVE * upper), upper
-    )
+    lower, upper = limits.lower_effort.copy(), limits.upper_effort.copy()
+    inertia = np.empty(len(q))
+    for i in range(len(q)):
+        low = min(_EFFORT_FRACTION * lower[i] + weight[i], _EFFORT_RESERVE * lower[i])
+        high = max(_EFFORT_FRACTION * upper[i] + weight[i], _EFFORT_RESERVE * upper[i])
+        lower[i], upper[i] = max(low, lower[i]), min(high, upper[i])
+        inertia[i] = M[i, i]
     scale = torque_scale(torque, lower, upper)
     torque = scale * torque
-    wall = wall_torque(config, limits, q, v, np.diag(M).copy())
+    wall = wall_torque(config, limits, q, v, inertia)
     if wall.at_wall or wall.too_fast:
-        torque = np.minimum(np.maximum(torque + wall.torque, lower), upper)
+        torque = clipped(torque + wall.torque, lower, upper)
     change = torque - previous
     rate_factor = rate_scale(change, max_change)
     # The box has moved with the arm since the previous torque.
     change = rate_limited(change, wall.torque, max_change)
-    torque = np.minimum(np.maximum(previous + change, lower), upper)
+    torque = clipped(previous + change, lower, upper)
     torque, overspeed = speed_limited(
         limits, torque, previous, max_change, period, v, M, Cv, wall.torque
     )
     if overspeed:
-        torque = np.minimum(np.maximum(torque, lower), upper)
+        torque = clipped(torque, lower, upper)
     return LimitedTorque(
         torque, scale, rate_factor, wall.at_wall, wall.too_fast, overspeed
     )

@@ -35,6 +35,7 @@ from fmp_drake.systems.impedance.algebra import (
     dot,
     eigen,
     inverse_left_jacobian,
+    largest,
     norm,
     product,
     solve_lower,
@@ -130,7 +131,7 @@ def mobility(M: Array, J: Array) -> Array:
     """Return ``Λ⁻¹ = J M⁻¹ Jᵀ``, shape (6, 6); NaN where M is not positive definite."""
     L, positive = cholesky(M)
     if not positive:
-        return np.full((6, 6), np.nan)
+        L[0, 0] = math.nan
     Y = solve_lower(L, J.T)
     return product(Y.T, Y)
 
@@ -164,25 +165,34 @@ def task_modes(
     -------
     TaskModes
     """
-    scale = np.ones((6, 1))
-    for i in range(3):
-        scale[i, 0] = characteristic_length
+    length = characteristic_length
+    scale = np.array((length, length, length, 1.0, 1.0, 1.0))
     L, _ = cholesky(stiffness)
     squared, V = eigen(product(L.T, product(mobility, L)))
     if squared[0] > 0:
         omega = np.sqrt(squared)
         B = product(L, V) / omega
         # The trace of the scaled Λ is more than its largest eigenvalue.
-        if np.sum((B / scale) ** 2) < max_effective_mass:
+        trace = 0.0
+        for i in range(6):
+            for j in range(6):
+                trace += (B[i, j] / scale[i]) ** 2
+        if trace < max_effective_mass:
             return TaskModes(B, omega, False)
-    values, U = eigen(scale * mobility * scale.T)
-    root = np.sqrt(np.maximum(values, 1 / max_effective_mass))
-    # Λ = Wᵀ W and Λ⁻¹ = H Hᵀ.
-    W = (U / root).T * scale.T
-    H = U * root / scale
+    scaled, W, H = np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    for i in range(6):
+        for j in range(6):
+            scaled[i, j] = scale[i] * mobility[i, j] * scale[j]
+    values, U = eigen(scaled)
+    # Λ = W Wᵀ and Λ⁻¹ = H Hᵀ.
+    for j in range(6):
+        root = math.sqrt(max(values[j], 1 / max_effective_mass))
+        for i in range(6):
+            W[i, j] = U[i, j] / root * scale[i]
+            H[i, j] = U[i, j] * root / scale[i]
     squared, V = eigen(product(H.T, product(stiffness, H)))
     omega = np.sqrt(np.maximum(squared, 0.0))
-    return TaskModes(product(W.T, V), omega, values[0] * max_effective_mass < 1)
+    return TaskModes(product(W, V), omega, values[0] * max_effective_mass < 1)
 
 
 @compiled
@@ -314,8 +324,8 @@ def impedance_law(
     LawTorque
     """
     inverse_inertia = mobility(arm.M, arm.J)
-    if not math.isfinite(np.sum(inverse_inertia)):
-        return LawTorque(np.full(len(arm.v), np.nan), 0.0, 0.0, False, False)
+    if not math.isfinite(largest(inverse_inertia)):
+        return LawTorque(math.nan * arm.v, 0.0, 0.0, False, False)
     B, omega, bounded = task_modes(
         inverse_inertia,
         stiffness,

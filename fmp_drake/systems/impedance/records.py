@@ -219,11 +219,12 @@ OPTIONAL = {
     "desired_normal_force": 1,
 }
 PORTS = REQUIRED | OPTIONAL
+SHAPES = {"stiffness": (6, 6), "covariance": (3, 3)}
 PACKED = np.dtype(
     (
         np.record,
         [
-            *((name, float, (size,)) for name, size in PORTS.items()),
+            *((name, float, SHAPES.get(name, (size,))) for name, size in PORTS.items()),
             *((f"has_{name}", float) for name in PORTS),
             ("finite", float),
             ("R_TE", float, (3, 3)),
@@ -272,8 +273,8 @@ def frame_of(inputs: np.record) -> TaskTarget:
 
 
 @compiled
-def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> None:
-    """Complete the packed inputs, in place.
+def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> np.record:
+    """Complete the packed inputs, in place, and return them as a record: a view.
 
     Parameters
     ----------
@@ -319,6 +320,7 @@ def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> None:
         )
     age = time - ports.target_time[0]
     ports.age = age if ports.has_target_time else math.nan
+    return ports
 
 
 # Memory.

@@ -52,7 +52,6 @@ from fmp_drake.systems.impedance.law import (
 from fmp_drake.systems.impedance.records import (
     LAYOUT,
     MEMORY,
-    PACKED,
     ImpedanceMemory,
     ImpedanceSettings,
     encode,
@@ -166,12 +165,11 @@ def impedance_step(
     arm = ArmDynamics(state[len(previous) :], M, Cv, J_WE.T, A_WE_bias)
     if not known:
         return _without_state(record, memory, previous)
-    unpack(packed, record, time)
     return _next_torque(
         record,
         joints,
         memory,
-        packed.view(PACKED)[0],
+        unpack(packed, record, time),
         measured,
         arm,
         state[: len(previous)],
@@ -412,7 +410,7 @@ def next_stiffness(
     if not inputs.finite:
         return present, energy, 0
     if inputs.has_stiffness:
-        given, bounds = inputs.stiffness[:].reshape(6, 6), config.watchdog
+        given, bounds = inputs.stiffness[:], config.watchdog
         K = symmetric(given)
         if not is_positive_definite(given):
             return present, energy, StatusFlag.STIFFNESS_REFUSED.value
@@ -423,7 +421,7 @@ def next_stiffness(
             ):
                 return present, energy, StatusFlag.STIFFNESS_REFUSED.value
     if inputs.has_covariance:
-        covariance = inputs.covariance[:].reshape(3, 3)
+        covariance = inputs.covariance[:]
         if not is_covariance(covariance):
             return present, energy, StatusFlag.STIFFNESS_REFUSED.value
         K = stiffness_from_covariance(config.covariance_stiffness, covariance, K)
@@ -476,8 +474,7 @@ def measured_motion(
     array, shape (12,)
         p_TE in m, its derivative in T in m/s, and `task_error`.
     """
-    unpack(packed, settings.view(LAYOUT)[0], 0.0)
-    inputs = packed.view(PACKED)[0]
+    inputs = unpack(packed, settings.view(LAYOUT)[0], 0.0)
     (X_WT, frame, _), target = frame_of(inputs), target_of(inputs)
     X_TE = relative(X_WT, Pose(np.ascontiguousarray(X_WE[:3].T), X_WE[3]))
     motion = np.empty(12)

@@ -13,6 +13,7 @@ from fmp_drake.systems.impedance.algebra import (
     cholesky,
     dot,
     largest,
+    product,
     solve_lower,
 )
 
@@ -128,7 +129,8 @@ def stiffness_from_covariance(
             part = chosen[i] * chosen[j] / config.deviation**2
             precision[i, j] += part * covariance[i, j]
     L, _ = cholesky(precision)
-    inverse = solve_lower(L, np.eye(3))
+    root = solve_lower(L, np.eye(3))
+    inverse = product(root.T, root)
     K = stiffness.copy()
     for i in range(3):
         if chosen[i]:
@@ -137,7 +139,7 @@ def stiffness_from_covariance(
     for i in range(3):
         for j in range(3):
             if chosen[i] and chosen[j]:
-                K[3 + i, 3 + j] = span * dot(inverse[:, i], inverse[:, j])
+                K[3 + i, 3 + j] = span * inverse[i, j]
         if chosen[i]:
             K[3 + i, 3 + i] += config.min_stiffness
     return K
