@@ -324,7 +324,7 @@ def best_labels(
     for k in range(circles + 1):
         if least[n - 1, k] < least[n - 1, label]:
             label = k
-    state = least_state[n - 1, label]
+    cost, state = least[n - 1, label], least_state[n - 1, label]
     for i in range(n - 1, -1, -1):
         labels[i], states[i] = label, state
         if i == 0:
@@ -343,4 +343,4 @@ def best_labels(
                 lowest_cost = least[i - 1, other] + change
                 label_before, state_before = other, least_state[i - 1, other]
         label, state = label_before, state_before
-    return labels, states, least[n - 1].min()
+    return labels, states, cost
