@@ -22,6 +22,7 @@ from fmp_drake.primitives import (
     load_skill,
     save_skill,
 )
+from fmp_drake.primitives.model.phase import segmentation
 from fmp_drake.primitives.model.phase.self_alignment import (
     aligned_period,
     aligned_samples,
@@ -564,3 +565,11 @@ def test_ends_of_cycles_follow_a_varying_tempo():
     assert bout.cycle_ends == pytest.approx(expected, abs=0.15)
     later = found.shifted(3.0).bouts[0].cycle_ends
     assert later == pytest.approx(np.array(bout.cycle_ends) + 3.0)
+
+
+def test_values_at_rest_stay_finite_beside_a_cycle():
+    phase = np.linspace(0, 12, 60)
+    cycle = np.column_stack([np.cos(phase), np.sin(phase)])
+    with np.errstate(all="raise"):
+        rest = segmentation._normalised(0 * cycle, cycle, np.ones(60, bool), 20)
+    assert np.all(np.isfinite(rest))

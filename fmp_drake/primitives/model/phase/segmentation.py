@@ -226,7 +226,9 @@ def _normalised(values: Array, fit: Array, mask: Mask, size: int) -> Array:
         )
     else:
         scale = np.sqrt(np.maximum(energy - np.vecdot(value, value), 1e-300))
-    scale = np.maximum(scale, 1e-3 * np.max(np.abs(scale)))[:, None]
+    # Where no size fits at all, the values keep theirs.
+    least = 1e-3 * float(np.max(np.abs(scale))) or 1.0
+    scale = np.maximum(scale, least)[:, None]
     return (values - value + scale * cycle) / scale
 
 
