@@ -67,6 +67,7 @@ def applied(A: Array, x: Array) -> Array:
     """Return ``A x`` for a matrix, shape (n, m), and a vector, shape (m,)."""
     y = np.empty(A.shape[0])
     for i in range(A.shape[0]):
+        # Without `dot`: a slice for it is more code to compile.
         total = 0.0
         for k in range(A.shape[1]):
             total += A[i, k] * x[k]
@@ -80,6 +81,7 @@ def product(A: Array, B: Array) -> Array:
     C = np.empty((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
         for j in range(B.shape[1]):
+            # Without slices, as in `applied`.
             total = 0.0
             for k in range(A.shape[1]):
                 total += A[i, k] * B[k, j]
