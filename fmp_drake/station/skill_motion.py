@@ -88,6 +88,14 @@ def ChoiceByInk(
     return choice, area
 
 
+def SkillMargin(scenario: Scenario, skill: FourierMovementPrimitive) -> float | None:
+    """Return the margin of the samples that a scenario plays, m.
+
+    None, for no bound, where the skill has no demonstrated paths.
+    """
+    return scenario.skill.margin if skill.paths_ else None
+
+
 def SkillRoles(skill: FourierMovementPrimitive) -> ChannelRoles:
     """Find position, rotation and force among the channels of a fitted skill.
 
@@ -165,7 +173,7 @@ def AddSkill(
         push_threshold=config.push_threshold,
         push_dwell=config.push_dwell,
         choice=choice,
-        margin=config.margin if skill.paths_ else None,
+        margin=SkillMargin(scene.scenario, skill),
         soft_start=True,
     )
     builder.AddSystem(primitive)

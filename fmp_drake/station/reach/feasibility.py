@@ -25,7 +25,7 @@ from fmp_drake.station.reach.push_prediction import predict_lifts
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.station.scenario import ParseScenario, Scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
-from fmp_drake.station.skill_motion import SkillRoles
+from fmp_drake.station.skill_motion import SkillMargin, SkillRoles
 
 type Values = dict[str, np.floating | float]
 
@@ -216,7 +216,7 @@ class _Check:
         skill, config = self._skill, self._scenario.skill
         start = _start_channels(self._scenario, skill, roles)
         beginnings = np.empty((_BEGINNINGS, skill.n_steps, skill.n_channels_))
-        margin = config.margin if skill.paths_ else None
+        margin = SkillMargin(self._scenario, skill)
         player = Player(skill, sample=config.sample, seed=config.seed, margin=margin)
         for i in range(_BEGINNINGS):
             state = player.start(start, tempo=self._tempo, seed=config.seed + i)
