@@ -375,6 +375,8 @@ class RunMetrics:
         Of the arm.
     control_period : float
         As for `LimitMetrics`.
+    contact_height : float
+        As for the controller, m.
     roles : ChannelRoles
         Of the skill; errors of orientation and force need such channels.
     """
@@ -386,6 +388,7 @@ class RunMetrics:
         limits: JointLimits,
         *,
         control_period: float,
+        contact_height: float = 0.0,
         roles: ChannelRoles = _POSITION,
     ) -> None:
         press = scenario.press
@@ -394,7 +397,7 @@ class RunMetrics:
         self._limits = LimitMetrics(limits, control_period=control_period)
         self._played: tuple[Any, ...] = (
             *([ForceMetrics(press.force)] if self._has_board else []),
-            TrackingMetrics(press.engage_height),
+            TrackingMetrics(contact_height + press.engage_height),
             *([] if roles.rotation is None else [OrientationMetrics()]),
             self._region,
         )

@@ -33,7 +33,7 @@ from fmp_drake.station import LoadRobot, MakeStation, Scenario
 from fmp_drake.station.page import BOARD, INK, describe_page
 from fmp_drake.station.robots.driver import Driver
 from fmp_drake.station.robots.robot import MakeRobotModel
-from fmp_drake.station.skill_motion import SkillRoles
+from fmp_drake.station.skill_motion import ContactHeight, SkillRoles
 from fmp_drake.systems import AddPathToRecording, PagePanel
 from fmp_drake.systems.erase_times import EraseTimes
 from fmp_drake.systems.ink.grid import CLEAN_BELOW, cleaned_history
@@ -185,6 +185,7 @@ class StationRun:
             self._primitive.player.region,
             joint_limits(arm),
             control_period=self._control_period,
+            contact_height=ContactHeight(self.scenario, self._primitive.player.skill),
             roles=self.roles,
         )
         self._values = {

@@ -24,6 +24,7 @@ def AddArmController(
     *,
     driver: Driver | None = None,
     lcm: DrakeLcmInterface | None = None,
+    contact_height: float = 0.0,
 ) -> OperationalSpaceImpedanceController:
     """Add the controller, and the driver between it and the arm.
 
@@ -43,6 +44,8 @@ def AddArmController(
         requires one.
     lcm : DrakeLcmInterface, optional
         As for `MakeDriver`.
+    contact_height : float
+        As for the controller, m.
     """
     plant, driver = scene.plant, driver or SimulatedDriver()
     driver.check_robot(scene.robot.config)
@@ -56,6 +59,7 @@ def AddArmController(
         config=config,
         q_posture=scene.robot.default_posture,
         engage_height=scene.scenario.press.engage_height,
+        contact_height=contact_height,
     )
     builder.AddNamedSystem("controller", controller)
     diagram = builder.AddSystem(

@@ -31,6 +31,7 @@ from fmp_drake.station.skill_motion import (
     DESIRED,
     AddSkill,
     CheckForceChannel,
+    ContactHeight,
     Playback,
     SkillRoles,
 )
@@ -168,7 +169,12 @@ def MakeStation(
         simulated=isinstance(driver, SimulatedDriver),
     )
     controller = AddArmController(
-        builder, scene, scenario.impedance, driver=driver, lcm=lcm
+        builder,
+        scene,
+        scenario.impedance,
+        driver=driver,
+        lcm=lcm,
+        contact_height=ContactHeight(scenario, operator),
     )
     arm: Any = builder.GetSubsystemByName("driver")
     if task is None:

@@ -36,7 +36,7 @@ Choosing the parameters
   greatest force of the spring; divided by D it is the greatest speed.
 - *Posture frequency*: a few rad/s; below 2 the elbow sags with friction.
 - *Normal force*: `desired_normal_force` is fed forward along −z of T. It increases
-  smoothly while the target approaches the surface below `engage_height`, and the
+  smoothly while the target descends by `engage_height` to `contact_height`, and the
   tool follows no faster than `force_control.search_speed` allows. The target's motion
   along z is fed forward as far as the tool is not in contact. Where the surface is
   lower or higher than assumed, the target is shifted by the difference, up to
@@ -216,12 +216,15 @@ class OperationalSpaceImpedanceController(LeafSystem):
         Posture of the nullspace, rad. By default the middle of the joints' ranges (zero
         for a joint without limits).
     engage_height : float
-        Height of the target over T's plane below which the desired normal force acts, m.
+        Height of the target over `contact_height` below which the desired normal force
+        acts, m.
+    contact_height : float
+        Height of the target over T's plane below which the whole force acts, m.
 
     Raises
     ------
     SystemsError
-        If the plant, the configuration, the posture or the height cannot be used.
+        If the plant, the configuration, the posture or a height cannot be used.
 
     Examples
     --------
@@ -251,16 +254,19 @@ class OperationalSpaceImpedanceController(LeafSystem):
         config: ImpedanceConfig,
         q_posture: Array | None = None,
         engage_height: float = ENGAGE_HEIGHT,
+        contact_height: float = 0.0,
     ) -> None:
         super().__init__()
         self.set_name("operational_space_impedance_controller")
         self._arm = ArmModel(plant, end_effector)
         self._X_WT = X_WT
         check_number(engage_height, "engage_height", above=0, error=SystemsError)
+        check_number(contact_height, "contact_height", least=0, error=SystemsError)
         self._settings = settings_of(
             config,
             X_WT=Pose(X_WT.rotation().matrix().copy(), np.array(X_WT.translation())),
             engage_height=float(engage_height),
+            contact_height=float(contact_height),
         )
         joints = joint_settings(
             config,

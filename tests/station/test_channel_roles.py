@@ -13,6 +13,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.station import MakeStation, Scenario
 from fmp_drake.station.page import BOARD
+from fmp_drake.station.skill_motion import ContactHeight
 
 pytestmark = pytest.mark.slow
 
@@ -101,6 +102,34 @@ def test_a_force_channel_is_pressed(pulsing):
     )
     assert np.ptp(motion) > 6.0
     assert rms(force - motion) < 0.5
+
+
+def lifted(skill):
+    """Return a skill whose recording is 40 mm above the board for half of the time."""
+    skill = copy.deepcopy(skill)
+    for path in skill.paths_:
+        path[::2, 2] += 0.04
+    return skill
+
+
+def test_a_recording_is_in_contact_up_to_its_greatest_height_unless_it_is_lifted():
+    shown = demonstration(height=0.004)
+    low = FourierMovementPrimitive(n_components=2).fit(shown)
+    assert ContactHeight(scenario(), low) == pytest.approx(0.004)
+    assert ContactHeight(scenario(engage_height=0.003), low) == 0.0
+    assert ContactHeight(scenario(), lifted(low)) == 0.0
+    forced = FourierMovementPrimitive(n_components=2).fit(
+        demonstration(height=0.003, force=(10.0, 4.0))
+    )
+    assert ContactHeight(scenario(), lifted(forced)) == pytest.approx(0.003)
+
+
+def test_a_recording_that_rises_a_little_is_pressed_with_the_whole_force():
+    skill = FourierMovementPrimitive(n_components=10).fit(demonstration(height=0.004))
+    (force,) = samples(
+        MakeStation(scenario(), skill), ("normal_force",), seconds=3.5, after=1.5
+    )
+    assert np.max(np.abs(force - 10.0)) < 1.0
 
 
 def test_no_more_force_is_pressed_than_was_demonstrated(pulsing):

@@ -305,6 +305,17 @@ def test_the_desired_normal_force_is_that_part_of_the_wrench():
     assert_allclose(normal_force_of(controller, z, -3.0), 0.0, atol=1e-9)
 
 
+def test_the_whole_normal_force_acts_up_to_the_contact_height():
+    config = ImpedanceConfig(max_torque_rate=1e9)
+    z = start_pose().translation()[2]
+    for contact, wanted in ((0.0, 8.0 * part(z, 2 * z)), (z, 8.0), (2 * z, 8.0)):
+        controller = make_controller(
+            config, engage_height=2 * z, contact_height=contact
+        )
+        found = normal_force_of(controller, z, 8.0)
+        assert_allclose(found, [0, 0, 0, 0, 0, wanted], atol=1e-6)
+
+
 def test_far_from_its_target_a_low_tool_is_lifted_and_a_high_one_lowered():
     config = ImpedanceConfig(max_torque_rate=1e9)
     z = start_pose().translation()[2]
@@ -358,6 +369,11 @@ def test_an_engage_height_that_is_not_positive_is_refused(height):
         SystemsError, match=f"engage_height is {height}; it must be positive"
     ):
         make_controller(engage_height=height)
+
+
+def test_a_contact_height_below_the_surface_is_refused():
+    with pytest.raises(SystemsError, match="contact_height is -0.001; it must"):
+        make_controller(contact_height=-0.001)
 
 
 def test_the_force_loop_stands_still_while_the_torque_is_limited():

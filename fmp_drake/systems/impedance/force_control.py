@@ -190,6 +190,7 @@ def engagement(height: float, engage_height: float) -> float:
 def contact_of(
     config: ForceControlConfig,
     engage_height: float,
+    contact_height: float,
     stopped: bool,
     inputs: np.record,
     p_TE: Array,
@@ -200,8 +201,8 @@ def contact_of(
     ----------
     config : ForceControlConfig
         As `values_of` returns it.
-    engage_height : float
-        Height of the target below which the normal force acts, m.
+    engage_height, contact_height : float
+        As in `ImpedanceSettings`.
     stopped : bool
         Whether there is a protective stop.
     inputs : record
@@ -216,12 +217,13 @@ def contact_of(
         p_TE[0] - inputs.desired_position[0], p_TE[1] - inputs.desired_position[1]
     )
     near = engagement(beside - rest - high, rest)
-    engaged = engagement(inputs.desired_position[2], engage_height)
+    target_height = inputs.desired_position[2] - contact_height
+    engaged = engagement(target_height, engage_height)
     force = max(inputs.desired_normal_force[0], 0.0) * engaged * near
     searching = (
         near == 1
         and not stopped
-        and inputs.desired_position[2] < engage_height
+        and target_height < engage_height
         and force - inputs.feedforward_wrench[5] > 0
         and (force > 0 or inputs.has_normal_force > 0)
     )

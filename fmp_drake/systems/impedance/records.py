@@ -57,8 +57,9 @@ class ImpedanceSettings:
         The task frame without the port `task_frame`.
     max_torque_rate : float
         Nm/s; the largest number where there is no limit.
-    engage_height : float
-        Height over T's plane below which the normal force acts, m.
+    engage_height, contact_height : float
+        Heights of the target, m: the normal force acts below their sum and is whole below
+        `contact_height`, over T's plane.
     """
 
     config: ImpedanceConfig
@@ -67,6 +68,7 @@ class ImpedanceSettings:
     X_WT: Pose
     max_torque_rate: float
     engage_height: float
+    contact_height: float
 
 
 def settings_of(
@@ -74,6 +76,7 @@ def settings_of(
     *,
     X_WT: Pose,
     engage_height: float,
+    contact_height: float,
 ) -> NDArray[Any]:
     """Check a configuration and complete it.
 
@@ -101,6 +104,7 @@ def settings_of(
         X_WT=X_WT,
         max_torque_rate=max_torque_rate,
         engage_height=engage_height,
+        contact_height=contact_height,
     )
     return np.array([values_of(settings)])
 
@@ -196,7 +200,10 @@ def _dtype(value: Any) -> np.dtype[Any]:
 
 
 LAYOUT = settings_of(
-    ImpedanceConfig(), X_WT=Pose(np.eye(3), np.zeros(3)), engage_height=1.0
+    ImpedanceConfig(),
+    X_WT=Pose(np.eye(3), np.zeros(3)),
+    engage_height=1.0,
+    contact_height=0.0,
 ).dtype
 """Type of the result of `settings_of`."""
 
