@@ -50,7 +50,7 @@ log_natively()
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 _PRIMITIVES = REPOSITORY / "tests" / "primitives"
-_LEARNING = ("tests/primitives", "tests/test_blas")
+_LEARNING = ("tests/primitives", "tests/benchmarks", "tests/test_blas")
 # Where it fails, nobody waits for it: a test says why.
 _WARM_UP = """
 import pathlib, sys
@@ -144,7 +144,7 @@ class Once:
 def learned_once():
     """Learn once, for all processes, what several runs play and examples show.
 
-    Tests of learning itself learn anew.
+    Tests and benchmarks of learning itself learn anew.
     """
     once = Once(Path(os.environ["FMP_COMPILED"]).with_name("learned"))
     learn = FourierMovementPrimitive.fit
