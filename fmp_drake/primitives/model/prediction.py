@@ -145,9 +145,11 @@ class Replay:
     def predict(self, past: Array) -> Replayed:
         """Predict the samples that follow a past (K, D)."""
         shape = past - past.mean(axis=0)
-        distance = np.sum((self._shapes - shape) ** 2, axis=(1, 2))
-        distance += _DISTANCE_WEIGHT * np.sum((self._pasts - past) ** 2, axis=(1, 2))
-        nearest = np.argsort(distance, kind="stable")[:_MOST_PASTS]
+        distance = _squared(self._shapes - shape)
+        distance += _DISTANCE_WEIGHT * _squared(self._pasts - past)
+        count = min(_MOST_PASTS, len(distance))
+        nearest = np.sort(np.argpartition(distance, count - 1)[:count])
+        nearest = nearest[np.argsort(distance[nearest], kind="stable")]
         least = float(distance[nearest[0]])
         width = least + _KERNEL_WIDTH * self.variance * self._seen
         weights = np.exp((least - distance[nearest]) / width)
@@ -167,11 +169,14 @@ class Replay:
         # Where all continuations have ended, the last value stays.
         last = np.maximum.accumulate(np.where(is_known.any(axis=0), self._ahead, 0))
         values = values[last]
-        deviations = futures - values
-        spread = np.einsum(
-            "nh,nha,nhb->hab", weighted, deviations, deviations, optimize=True
-        )[last]
+        deviations = np.swapaxes(futures - values, 0, 1)
+        spread = (np.swapaxes(deviations, 1, 2) * weighted.T[:, None] @ deviations)[last]
         return Replayed(values, spread, least / self._seen)
+
+
+def _squared(values: Array) -> Array:
+    """Return the sums of squares of values (n, K, D), shape (n,)."""
+    return np.asarray(np.einsum("nkd,nkd->n", values, values))
 
 
 class Extrapolation:
