@@ -372,7 +372,7 @@ def test_an_engage_height_that_is_not_positive_is_refused(height):
 
 
 def test_a_contact_height_below_the_surface_is_refused():
-    with pytest.raises(SystemsError, match="contact_height is -0.001; it must"):
+    with pytest.raises(SystemsError, match=r"contact_height is -0\.001; it must"):
         make_controller(contact_height=-0.001)
 
 

@@ -8,9 +8,11 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex
 
 from fmp_drake.numeric import Array, Mask
+from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.models.whiteboard import BoardBox
 from fmp_drake.station.reach.posture import SolvePosture
 from fmp_drake.station.reach.tracking_prediction import (
+    FeltContact,
     PredictedMotion,
     TrackingPredictor,
 )
@@ -62,8 +64,8 @@ class FollowingBounds:
         compensate for the braked ones. A quarter of them disturbs the normal force, and half
         of them the whole motion.
     unsteady : float
-        Fraction of the samples at which braked joints and singularities may change the
-        normal force by more than its tolerance. Friction disturbs it as well: of ten runs
+        Fraction of the samples at which poses out of reach, braked joints and singularities
+        may change the normal force by more than its tolerance. Friction disturbs it as well: of ten runs
         with 0.011 or more seven were outside it, or out of contact, for 5 to 22 % of the
         time, and of 112 with 0.006 or less five, all of them pushed.
     lift : float
@@ -170,6 +172,8 @@ class BoardReach:
         The arm's.
     rail : array, shape (3,)
         Vector from the middle of a moving board's rail to its end, in B, m.
+    contact : FeltContact or None
+        With the nominal normal force; None without a board.
     """
 
     def __init__(self, scenario: Scenario, bounds: FollowingBounds) -> None:
@@ -177,7 +181,13 @@ class BoardReach:
         config = LoadRobot(scenario.robot)
         self._model = model = MakeRobotModel(config, scenario.held_tool())
         CheckJointInertia(model, scenario.impedance)
-        self._predictor = TrackingPredictor(model.plant, model.tip, scenario.impedance)
+        self.contact = None
+        if scenario.has_board:
+            felt = FeltForceLimit(scenario.eraser) / FELT_DEPTH
+            self.contact = FeltContact(scenario.nominal_force(), felt)
+        self._predictor = TrackingPredictor(
+            model.plant, model.tip, scenario.impedance, self.contact
+        )
         self._clearance = ArmClearance(config)
         self._p_WBase = np.array(config.base_pose.translation)
         self.limits = joint_limits(model.plant)
@@ -207,6 +217,11 @@ class BoardReach:
         path = np.tile(self._scenario.start, (1, 2, 1))
         motion = self.follow(X_WB, path, moved=-self.rail, step=1.0, postures=preferred)
         return motion.q[:, -1]
+
+    def pressed(self, paths: Array) -> Mask:
+        """Return whether positions in B, (..., 3), are in desired contact with the board."""
+        is_low: Mask = paths[..., 2] < self._scenario.press.engage_height
+        return is_low
 
     def follow(
         self,
@@ -266,6 +281,7 @@ class BoardReach:
             R_WT,
             q_posture=np.repeat(postures, len(paths), axis=0),
             step=step,
+            pressed=np.tile(self.pressed(paths), (len(X_WB), 1)),
             speed=speed,
         )
 

@@ -20,7 +20,7 @@ from fmp_drake.station.reach.board_reach import (
     BoardReach,
     FollowingBounds,
 )
-from fmp_drake.station.reach.force_prediction import disturbed_fraction
+from fmp_drake.station.reach.force_prediction import disturbed_fractions
 from fmp_drake.station.reach.push_prediction import predict_lifts
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.station.scenario import ParseScenario, Scenario
@@ -63,7 +63,8 @@ class Feasibility:
         ``largest_speed_ratio`` and ``largest_torque_ratio`` to the joints' limits;
         ``braking_lag`` of the eraser by braked joints (rms, m); ``friction_lag`` (m);
         the predicted ``tracking_error`` (rms, m); ``unsteady_fraction`` of the samples at
-        which braked joints or singularities change the normal force by more than 5 N;
+        which poses out of reach, braked joints or singularities change the normal force by
+        more than 5 N;
         ``push_deviation``, the height to which scripted pushes lift the eraser off the board
         (m); and the ``largest_tempo`` and ``largest_press`` (N) with which the check passes.
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
@@ -493,20 +494,30 @@ class _Check:
         }
 
     def _judge_contact(self, motion: PredictedMotion, q: Array, tempo: float) -> Values:
-        """Return how often braked joints and singularities disturb the normal force."""
-        if self._faults or not self._scenario.has_board:
+        """Return how often poses out of reach and braked joints disturb the normal force."""
+        contact = self._reach.contact
+        if self._faults or contact is None:
             return {}
-        force, limits = float(np.max(self._force)), self._reach.limits
-        fraction = disturbed_fraction(
-            self._scenario, limits, motion, force, q_posture=q, step=self._step
+        pressed = self._reach.pressed(self._paths)
+        by_reach, fraction = disturbed_fractions(
+            self._scenario.impedance,
+            self._reach.limits,
+            motion,
+            contact._replace(force=float(np.max(self._force))),
+            pressed=np.tile(pressed, (len(motion.q) // len(pressed), 1)),
+            q_posture=q,
+            step=self._step,
         )
         if fraction > self._bounds.unsteady:
+            cause = "joints are braked or nearly singular"
+            if by_reach > self._bounds.unsteady:
+                cause, self._is_far = "poses are out of reach", True
+            else:
+                self._slower = min(tempo, self._tempo)
             self._faults.append(
-                "joints are braked or nearly singular, and on "
-                f"{100 * fraction:.1f} % of the path the normal force is off by more than "
-                f"{FORCE_TOLERANCE:g} N"
+                f"{cause}, and on {100 * fraction:.1f} % of the path the normal force is off "
+                f"by more than {FORCE_TOLERANCE:g} N"
             )
-            self._slower = min(tempo, self._tempo)
         return {"unsteady_fraction": fraction}
 
     def _judge_pushes(self, motion: PredictedMotion) -> Values:

@@ -1,13 +1,13 @@
 """Prediction of the normal force where joints are braked, and near singularities."""
 
-from typing import NamedTuple
-
 import numpy as np
 
-from fmp_drake.numeric import Array
-from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
-from fmp_drake.station.reach.tracking_prediction import PredictedMotion, times
-from fmp_drake.station.scenario import Scenario
+from fmp_drake.numeric import Array, Mask
+from fmp_drake.station.reach.tracking_prediction import (
+    FeltContact,
+    PredictedMotion,
+    times,
+)
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.systems import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import JointLimits, JointWallConfig
@@ -16,21 +16,6 @@ from fmp_drake.systems.impedance.joints import JointLimits, JointWallConfig
 _ITERATIONS = 3
 # Smallest mobility, 1/kg; it is zero at singularities.
 _LEAST = 1e-9
-
-
-class FeltContact(NamedTuple):
-    """Desired contact of the felt with a board.
-
-    Attributes
-    ----------
-    force : float
-        Desired normal force, N.
-    stiffness : float
-        Of the felt along the normal, N/m.
-    """
-
-    force: float
-    stiffness: float
 
 
 def predict_force_error(
@@ -114,37 +99,39 @@ def predict_force_error(
     return error
 
 
-def disturbed_fraction(
-    scenario: Scenario,
+def disturbed_fractions(
+    config: ImpedanceConfig,
     limits: JointLimits,
     motion: PredictedMotion,
-    force: float,
+    contact: FeltContact,
     *,
+    pressed: Mask,
     q_posture: Array,
     step: float,
-) -> float:
-    """Return the fraction of samples at which the normal force is off, or contact is lost.
+) -> tuple[float, float]:
+    """Return the fractions of samples at which the normal force is off, or contact is lost.
+
+    The first one is that by poses out of reach: where the arm can neither yield to the board
+    nor reach down to it, the felt bears the error along the normal. The second one includes
+    `predict_force_error`.
 
     Parameters
     ----------
-    scenario : Scenario
-        With a board.
-    limits, motion, q_posture, step
+    config, limits, motion, contact, q_posture, step
         As for `predict_force_error`.
-    force : float
-        Desired normal force, N.
+    pressed : array of bool, shape (B, T)
+        As for `TrackingPredictor.follow`.
     """
-    felt = FeltForceLimit(scenario.eraser) / FELT_DEPTH
-    error = predict_force_error(
-        scenario.impedance,
-        limits,
-        motion,
-        FeltContact(force, felt),
-        q_posture=q_posture,
-        step=step,
+    out_of_reach = np.where(pressed, contact.stiffness * motion.error[..., 5], 0.0)
+    error = out_of_reach + predict_force_error(
+        config, limits, motion, contact, q_posture=q_posture, step=step
     )
-    least = -min(FORCE_TOLERANCE, force)
-    return float(np.mean((error > FORCE_TOLERANCE) | (error < least)))
+    least = -min(FORCE_TOLERANCE, contact.force)
+    by_reach, total = (
+        float(np.mean((e > FORCE_TOLERANCE) | (e < least)))
+        for e in (out_of_reach, error)
+    )
+    return by_reach, total
 
 
 def _allowed_speeds(

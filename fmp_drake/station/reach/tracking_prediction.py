@@ -62,14 +62,29 @@ class PredictedMotion(NamedTuple):
         return distance, np.linalg.norm(rotation, axis=-1)
 
 
+class FeltContact(NamedTuple):
+    """Desired contact of the felt with a board.
+
+    Attributes
+    ----------
+    force : float
+        Desired normal force, N.
+    stiffness : float
+        Of the felt along the normal, N/m.
+    """
+
+    force: float
+    stiffness: float
+
+
 class TrackingPredictor:
     """Prediction of the arm's motion under impedance control along a path.
 
     Differential inverse kinematics: the dynamically consistent (minimum kinetic energy)
     inverse resolves the joint motion, with the posture's spring and damper in the
-    nullspace. The springs' compliance distributes an error that cannot be removed. The
-    joints do not enter the springs at their limits, which are far stiffer; other joints
-    compensate for a joint there.
+    nullspace. The springs' compliance distributes an error that cannot be removed; in
+    contact the felt is far stiffer along the normal. The joints do not enter the springs at
+    their limits, which are far stiffer; other joints compensate for a joint there.
 
     Parameters
     ----------
@@ -78,12 +93,19 @@ class TrackingPredictor:
     tip : Frame
         E.
     config : ImpedanceConfig
+    contact : FeltContact, optional
+        With the board, on the pressed parts of a path.
     """
 
     def __init__(
-        self, arm: MultibodyPlant, tip: Frame, config: ImpedanceConfig
+        self,
+        arm: MultibodyPlant,
+        tip: Frame,
+        config: ImpedanceConfig,
+        contact: FeltContact | None = None,
     ) -> None:
         self._arm, self._tip, self._config = arm, tip, config
+        self._contact = contact
         self._model = ArmModel(arm, tip)
         self._context = arm.CreateDefaultContext()
 
@@ -95,6 +117,7 @@ class TrackingPredictor:
         *,
         q_posture: Array,
         step: float,
+        pressed: Mask | None = None,
         speed: Array | None = None,
     ) -> PredictedMotion:
         """Predict the motion along paths, after a straight motion to the start of each.
@@ -109,6 +132,9 @@ class TrackingPredictor:
             The controller's posture and initial posture of the arm, rad.
         step : float
             Time from sample to sample, s.
+        pressed : array of bool, shape (B, T), optional
+            Whether the desired position is in contact with the board. Contact is lost where
+            the eraser is too high for the desired normal force.
         speed : array, shape (n,), optional
             Greatest speed of each joint on the path, rad/s. Other joints compensate for one
             that is too slow.
@@ -118,17 +144,16 @@ class TrackingPredictor:
         upper = self._arm.GetPositionUpperLimits() - width
         pull = step * config.posture_frequency**2
         brake = 2 * step * config.posture_damping_ratio * config.posture_frequency
-        damping = np.zeros((*R_WB.shape[:2], 6, 6))
-        compliance = _DAMPING / np.diagonal(config.stiffness())
-        for half in (slice(3), slice(3, 6)):
-            damping[..., half, half] = (R_WB * compliance[half]) @ R_WB.mT
+        stiffness = np.tile(np.diagonal(config.stiffness()), (len(p_WE), 1))
+        contact, normal = self._contact, stiffness[:, 5].copy()
         q, u, v = q_posture, np.zeros_like(q_posture), np.zeros_like(q_posture)
         M, Cv, X, J = self._read(q, v)
         lead_in = np.linspace(X[..., 3], p_WE[:, 0], _LEAD_IN, axis=1)
         begin = np.repeat(p_WE[:, :1], _SETTLE, axis=1)
         path = np.concatenate([lead_in, begin, p_WE], axis=1)
         before, samples = q, []
-        inverse = _inverse(M, J, damping[:, 0])
+        damping = _damping(stiffness, R_WB[:, 0])
+        inverse = _inverse(M, J, damping)
         for k in range(path.shape[1]):
             i = min(max(k - _LEAD_IN - _SETTLE, 0), R_WB.shape[1] - 1)
             posture_error = _limited(q_posture - q, config.max_posture_error)
@@ -150,15 +175,20 @@ class TrackingPredictor:
                     free, J_rows = is_free[rows], J[rows]
                     fixed = np.where(free, 0.0, (limited - q)[rows])
                     rest = pose_error[rows] - times(J_rows, fixed)
-                    inverse_rows = _inverse(M[rows], J_rows, damping[rows, i], free)
+                    inverse_rows = _inverse(M[rows], J_rows, damping[rows], free)
                     dq[rows] = fixed + _limited(
                         times(inverse_rows, rest), _LONGEST_STEP
                     )
                 q = np.clip(q + dq, least, most)
             v, before = (q - before) / step, q
             M, Cv, X, J = self._read(q, v)
-            inverse = _inverse(M, J, damping[:, i])
             error = _errors(X, path[:, k], R_WE[:, i]).reshape(-1, 2, 3) @ R_WB[:, i]
+            if contact is not None and pressed is not None:
+                is_low = error[:, 1, 2] > -contact.force / contact.stiffness
+                is_closed = is_low & pressed[:, max(k - _LEAD_IN - _SETTLE, 0)]
+                stiffness[:, 5] = normal + contact.stiffness * is_closed
+            damping = _damping(stiffness, R_WB[:, i])
+            inverse = _inverse(M, J, damping)
             J_B = R_WB[:, i, None].mT @ J.reshape(len(J), 2, 3, -1)
             squared = np.maximum(np.linalg.det(J @ J.mT), 0.0)
             samples.append((q, v, M, Cv, J_B.reshape(J.shape), error, np.sqrt(squared)))
@@ -191,6 +221,16 @@ def _errors(X_WE: Array, p_WE: Array, R_WE: Array) -> Array:
     """Return the errors from poses (B, 3, 4) to desired ones, in W, shape (B, 6)."""
     rotations = [rotation_vector(R) for R in R_WE @ X_WE[..., :3].mT]
     return np.concatenate([rotations, p_WE - X_WE[..., 3]], axis=1)
+
+
+def _damping(stiffness: Array, R_WB: Array) -> Array:
+    """Return the damping in W, (B, 6, 6), by the stiffness (B, 6) in the board's axes."""
+    damping = np.zeros((len(R_WB), 6, 6))
+    for half in (slice(3), slice(3, 6)):
+        damping[:, half, half] = (
+            R_WB * (_DAMPING / stiffness[:, None, half])
+        ) @ R_WB.mT
+    return damping
 
 
 def _inverse(M: Array, J: Array, damping: Array, is_free: Mask | None = None) -> Array:
