@@ -23,7 +23,6 @@ from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.tasks.task import Measurements
 from fmp_drake.station.tasks.wiping import BoardGrid
 from fmp_drake.systems import FourierPrimitiveSystem
-from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
 from fmp_drake.systems.ink.grid import CoverageChoice
 from fmp_drake.systems.task_motion import TaskMotion
 
@@ -117,22 +116,19 @@ def SkillRoles(skill: FourierMovementPrimitive) -> ChannelRoles:
 
 
 def ContactHeight(scenario: Scenario, skill: FourierMovementPrimitive | None) -> float:
-    """Return the height over the board up to which a recorded tool was in contact, m.
+    """Return the height over the board up to which a skill presses with its whole force, m.
 
-    Without a force channel, a tool that was never higher than `press.engage_height` was
-    always in contact: the hand only pressed more or less. Of one that was lifted it is not
-    known, and the height is 0.
+    A recorded tool that was never higher than `press.engage_height` was always in contact:
+    the hand only pressed more or less. Samples of one that was lifted may mix heights of
+    both. Then the height is `engage_height` if a force channel tells where to press, else 0.
     """
     if skill is None or not skill.paths_:
         return 0.0
-    roles, values = SkillRoles(skill), np.concatenate(skill.paths_)
-    height = values[:, roles.position[2]]
-    in_contact = height < scenario.press.engage_height
-    if roles.force is not None:
-        in_contact &= values[:, roles.force] > CONTACT_FORCE
-    elif not np.all(in_contact):
-        return 0.0
-    return float(np.max(height[in_contact], initial=0.0))
+    roles, engage = SkillRoles(skill), scenario.press.engage_height
+    highest = max(np.max(path[:, roles.position[2]]) for path in skill.paths_)
+    if highest >= engage:
+        return 0.0 if roles.force is None else engage
+    return max(float(highest), 0.0)
 
 
 def CheckForceChannel(scenario: Scenario, roles: ChannelRoles) -> None:

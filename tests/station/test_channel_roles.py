@@ -10,7 +10,11 @@ from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import StationError
-from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    transform_space,
+)
 from fmp_drake.station import MakeStation, Scenario
 from fmp_drake.station.page import BOARD
 from fmp_drake.station.skill_motion import ContactHeight
@@ -112,22 +116,25 @@ def lifted(skill):
     return skill
 
 
-def test_a_recording_is_in_contact_up_to_its_greatest_height_unless_it_is_lifted():
+def test_a_recording_that_is_never_lifted_is_in_contact_up_to_its_greatest_height():
     shown = demonstration(height=0.004)
     low = FourierMovementPrimitive(n_components=2).fit(shown)
     assert ContactHeight(scenario(), low) == pytest.approx(0.004)
     assert ContactHeight(scenario(engage_height=0.003), low) == 0.0
     assert ContactHeight(scenario(), lifted(low)) == 0.0
-    forced = FourierMovementPrimitive(n_components=2).fit(
-        demonstration(height=0.003, force=(10.0, 4.0))
-    )
-    assert ContactHeight(scenario(), lifted(forced)) == pytest.approx(0.003)
+    below = transform_space(low, translation=[0.0, 0.0, -0.005])
+    assert ContactHeight(scenario(), below) == 0.0
+
+
+def test_a_force_channel_tells_where_a_lifted_tool_presses(pulsing):
+    assert ContactHeight(scenario(), pulsing) == 0.0
+    assert ContactHeight(scenario(engage_height=0.02), lifted(pulsing)) == 0.02
 
 
 def test_a_recording_that_rises_a_little_is_pressed_with_the_whole_force():
     skill = FourierMovementPrimitive(n_components=10).fit(demonstration(height=0.004))
     (force,) = samples(
-        MakeStation(scenario(), skill), ("normal_force",), seconds=3.5, after=1.5
+        MakeStation(scenario(), skill), ("normal_force",), seconds=4.5, after=2.5
     )
     assert np.max(np.abs(force - 10.0)) < 1.0
 

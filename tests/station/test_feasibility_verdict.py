@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from posed_recordings import demonstration
 
-from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.primitives import FourierMovementPrimitive, transform_space
 from fmp_drake.station import CheckFeasibility, Scenario
 from fmp_drake.station.reach import force_prediction
 from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
@@ -600,9 +600,9 @@ def test_normal_force_that_braked_joints_disturb_is_refused(
     assert found.values["unsteady_fraction"] == pytest.approx(count / COUNT)
     if not is_feasible:
         assert found.verdict == (
-            "The arm cannot follow this skill: joints are braked or nearly singular, and on "
-            "1.2 % of the path the normal force is off by more than 5 N. What would help: "
-            "slow down to tempo 0.80."
+            "The arm cannot follow this skill: joints are braked, nearly singular or at their "
+            "limits, and on 1.2 % of the path the normal force is off by more than 5 N. What "
+            "would help: slow down to tempo 0.80."
         )
         assert found.suggested_tempo == pytest.approx(0.8)
 
@@ -624,6 +624,25 @@ def test_contact_that_is_lost_counts_as_a_normal_force_that_is_off(
     scenario.press.force = force
     values = CheckFeasibility(scenario, restless_skill).values
     assert values["unsteady_fraction"] == is_off
+
+
+@pytest.mark.parametrize(
+    ("height", "error", "is_off"),
+    [(0.0, 0.0011, 0), (0.0, 0.0013, 1), (0.0, -0.0013, 1), (0.02, 0.0013, 0)],
+)
+def test_the_felt_bears_the_errors_of_poses_that_are_pressed(
+    predicted, restless_skill, height, error, is_off
+):
+    # It has 5 N/mm; 0.2 mm may be an error of the prediction.
+    def change(motion, **_):
+        motion.error[..., 5] = error
+
+    predicted.change = change
+    scenario = Scenario()
+    scenario.board.error.translation = [0.0, 0.0, 0.001]  # Two boards.
+    skill = transform_space(restless_skill, translation=[0.0, 0.0, height])
+    values = CheckFeasibility(scenario, skill).values
+    assert values["unsteady_fraction"] == pytest.approx(is_off, abs=0.06)
 
 
 def test_a_skill_in_free_space_has_no_normal_force(predicted, restless_skill):

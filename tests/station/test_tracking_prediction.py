@@ -9,7 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.station import Scenario
 from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
-from fmp_drake.station.reach.tracking_prediction import TrackingPredictor
+from fmp_drake.station.reach.tracking_prediction import (
+    FeltContact,
+    TrackingPredictor,
+)
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 
 STEP = 0.05
@@ -285,3 +288,24 @@ def test_an_error_that_a_braked_joint_leaves_is_the_equilibrium_of_the_springs(a
         force = ((error @ TILT) * stiffness) @ TILT.T
         torque = J.T @ force.reshape(6)
         assert np.all(np.abs(np.delete(torque, joint)) < 0.02)  # Nm; it bears up to 12.
+
+
+def test_pressed_felt_bears_what_the_arm_cannot_yield():
+    # A board that rises out of the arm's reach, and one that sinks.
+    panda = Follower("panda")
+    contact = FeltContact(force=10.0, stiffness=5000.0)
+    pressing = TrackingPredictor(panda.plant, panda.tip, panda.config, contact)
+    free = panda.predictor
+    for direction in (1.0, -1.0):
+        out = np.linspace(0.0, 0.9, 60)[:, None]
+        path = direction * out * TILT[:, 2] + 0.3 * out * TILT[:, 0]
+        panda.predictor = free
+        loose = panda.follow(path).error[-1]
+        panda.predictor = pressing
+        pressed = panda.follow(path, pressed=np.ones((1, 60), dtype=bool)).error[-1]
+        assert_allclose(panda.follow(path).error[-1], loose, atol=1e-9)
+        assert_allclose(np.sign(loose[5]), direction)
+        if direction > 0:  # The error is beside the path instead.
+            assert abs(pressed[5]) < 0.5 * abs(loose[5])
+        else:  # The contact is lost: the board does not pull.
+            assert pressed[5] == pytest.approx(loose[5], rel=0.05)

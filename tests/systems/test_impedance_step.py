@@ -69,6 +69,7 @@ def random_step(rng, ports):
         full_config(),
         X_WT=Pose(np.eye(3), np.array([0.1, 0.2, 0.3])),
         engage_height=0.5,
+        contact_height=0.0,
     )
     joints = joint_settings(full_config(), limits=limits, q_posture=np.zeros(N))
     packed = np.zeros(1, PACKED)

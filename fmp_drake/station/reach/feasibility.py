@@ -20,7 +20,6 @@ from fmp_drake.station.reach.board_reach import (
     BoardReach,
     FollowingBounds,
 )
-from fmp_drake.station.reach.force_prediction import disturbed_fractions
 from fmp_drake.station.reach.push_prediction import predict_lifts
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.station.scenario import ParseScenario, Scenario
@@ -64,9 +63,8 @@ class Feasibility:
         ``braking_lag`` of the eraser by braked joints (rms, m); ``friction_lag`` (m);
         the predicted ``tracking_error`` (rms, m); ``unsteady_fraction`` of the samples at
         which poses out of reach, braked joints or singularities change the normal force by
-        more than 5 N;
-        ``push_deviation``, the height to which scripted pushes lift the eraser off the board
-        (m); and the ``largest_tempo`` and ``largest_press`` (N) with which the check passes.
+        more than 5 N; ``push_deviation``, the height to which scripted pushes lift the eraser
+        off the board (m); and the ``largest_tempo`` and ``largest_press`` (N) with which the check passes.
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
         no clearance, friction and normal force; the angle needs rotation channels.
     start : array, shape (3,)
@@ -197,7 +195,7 @@ class _Check:
         self._displacement = np.sin(phase) * rail
         self._faults: list[str] = []
         # Remedies: a move of the board, a slower tempo, a smaller or greater normal force (N).
-        self._is_far = False
+        self._is_far = self._is_disturbed = False
         self._slower: float | None = None
         self._softer: float | None = None
         self._firmer: float | None = None
@@ -316,7 +314,8 @@ class _Check:
         """
         if words := self._pace_remedy():
             return words, self._slower
-        for words, changed in self._changes() if self._is_far else ():
+        may_move = self._is_far or self._is_disturbed
+        for words, changed in self._changes() if may_move else ():
             check = _Check(changed, self._skill, self._bounds)
             if check.result().is_feasible:
                 return words, None
@@ -495,29 +494,19 @@ class _Check:
 
     def _judge_contact(self, motion: PredictedMotion, q: Array, tempo: float) -> Values:
         """Return how often poses out of reach and braked joints disturb the normal force."""
-        contact = self._reach.contact
-        if self._faults or contact is None:
+        if self._faults or not self._scenario.has_board:
             return {}
-        pressed = self._reach.pressed(self._paths)
-        by_reach, fraction = disturbed_fractions(
-            self._scenario.impedance,
-            self._reach.limits,
-            motion,
-            contact._replace(force=float(np.max(self._force))),
-            pressed=np.tile(pressed, (len(motion.q) // len(pressed), 1)),
-            q_posture=q,
-            step=self._step,
+        force = float(np.max(self._force))
+        fraction = self._reach.disturbed_fraction(
+            motion, self._paths, force=force, q_posture=q, step=self._step
         )
         if fraction > self._bounds.unsteady:
-            cause = "joints are braked or nearly singular"
-            if by_reach > self._bounds.unsteady:
-                cause, self._is_far = "poses are out of reach", True
-            else:
-                self._slower = min(tempo, self._tempo)
             self._faults.append(
-                f"{cause}, and on {100 * fraction:.1f} % of the path the normal force is off "
-                f"by more than {FORCE_TOLERANCE:g} N"
+                "joints are braked, nearly singular or at their limits, and on "
+                f"{100 * fraction:.1f} % of the path the normal force is off by more than "
+                f"{FORCE_TOLERANCE:g} N"
             )
+            self._slower, self._is_disturbed = min(tempo, self._tempo), True
         return {"unsteady_fraction": fraction}
 
     def _judge_pushes(self, motion: PredictedMotion) -> Values:

@@ -4,6 +4,7 @@ import numpy as np
 
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.station.reach.tracking_prediction import (
+    RESIDUAL,
     FeltContact,
     PredictedMotion,
     times,
@@ -99,7 +100,7 @@ def predict_force_error(
     return error
 
 
-def disturbed_fractions(
+def disturbed_fraction(
     config: ImpedanceConfig,
     limits: JointLimits,
     motion: PredictedMotion,
@@ -108,12 +109,11 @@ def disturbed_fractions(
     pressed: Mask,
     q_posture: Array,
     step: float,
-) -> tuple[float, float]:
-    """Return the fractions of samples at which the normal force is off, or contact is lost.
+) -> float:
+    """Return the fraction of samples at which the normal force is off, or contact is lost.
 
-    The first one is that by poses out of reach: where the arm can neither yield to the board
-    nor reach down to it, the felt bears the error along the normal. The second one includes
-    `predict_force_error`.
+    Beside `predict_force_error` it is that of poses out of reach: where the arm can neither
+    yield to the board nor reach down to it, the felt bears the error along the normal.
 
     Parameters
     ----------
@@ -122,16 +122,13 @@ def disturbed_fractions(
     pressed : array of bool, shape (B, T)
         As for `TrackingPredictor.follow`.
     """
-    out_of_reach = np.where(pressed, contact.stiffness * motion.error[..., 5], 0.0)
-    error = out_of_reach + predict_force_error(
+    error = predict_force_error(
         config, limits, motion, contact, q_posture=q_posture, step=step
     )
+    depth = motion.error[..., 5] - np.clip(motion.error[..., 5], -RESIDUAL, RESIDUAL)
+    error += np.where(pressed, contact.stiffness * depth, 0.0)
     least = -min(FORCE_TOLERANCE, contact.force)
-    by_reach, total = (
-        float(np.mean((e > FORCE_TOLERANCE) | (e < least)))
-        for e in (out_of_reach, error)
-    )
-    return by_reach, total
+    return float(np.mean((error > FORCE_TOLERANCE) | (error < least)))
 
 
 def _allowed_speeds(

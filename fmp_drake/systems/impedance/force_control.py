@@ -188,21 +188,14 @@ def engagement(height: float, engage_height: float) -> float:
 
 @compiled
 def contact_of(
-    config: ForceControlConfig,
-    engage_height: float,
-    contact_height: float,
-    stopped: bool,
-    inputs: np.record,
-    p_TE: Array,
+    settings: np.record, stopped: bool, inputs: np.record, p_TE: Array
 ) -> Contact:
     """Return the desired contact of a tool.
 
     Parameters
     ----------
-    config : ForceControlConfig
-        As `values_of` returns it.
-    engage_height, contact_height : float
-        As in `ImpedanceSettings`.
+    settings : record
+        `ImpedanceSettings` of the controller.
     stopped : bool
         Whether there is a protective stop.
     inputs : record
@@ -210,6 +203,7 @@ def contact_of(
     p_TE : array, shape (3,)
         Position of the tool, m.
     """
+    config = settings.config.force_control
     height, rest = p_TE[2] - inputs.desired_position[2], config.rest_distance
     # A high tool descends while it returns, so that it does not get stuck in the air.
     high = max(height - config.lift_height, 0.0)
@@ -217,13 +211,13 @@ def contact_of(
         p_TE[0] - inputs.desired_position[0], p_TE[1] - inputs.desired_position[1]
     )
     near = engagement(beside - rest - high, rest)
-    target_height = inputs.desired_position[2] - contact_height
-    engaged = engagement(target_height, engage_height)
+    target_height = inputs.desired_position[2] - settings.contact_height
+    engaged = engagement(target_height, settings.engage_height)
     force = max(inputs.desired_normal_force[0], 0.0) * engaged * near
     searching = (
         near == 1
         and not stopped
-        and target_height < engage_height
+        and target_height < settings.engage_height
         and force - inputs.feedforward_wrench[5] > 0
         and (force > 0 or inputs.has_normal_force > 0)
     )

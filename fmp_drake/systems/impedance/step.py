@@ -203,14 +203,7 @@ def _next_torque(
     target_W = compose(X_WT, target_T.X)
     flags, last = _checked_target(config, memory, inputs, X_WE, target_W, rotation)
     control, stopped = config.force_control, watchdog.mode == STOPPED
-    contact = contact_of(
-        control,
-        settings.engage_height,
-        settings.contact_height,
-        stopped,
-        inputs,
-        X_TE.p,
-    )
+    contact = contact_of(settings, stopped, inputs, X_TE.p)
     if contact.searching and is_beyond(control, state, contact.height):
         flags |= StatusFlag.NOT_FOUND.value
     for i in range(len(arm.v)):
