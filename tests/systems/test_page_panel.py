@@ -271,6 +271,10 @@ def test_a_hidden_meshcat_is_not_at_the_usual_address():
     assert hidden_meshcat().web_url() != meshcat.web_url()
     with pytest.raises(ConnectionError):
         socket.create_connection(("localhost", meshcat.port()), timeout=5)
+    # Before there is a scene it is empty.
+    for name in ("/Grid", "/Axes"):
+        hidden = umsgpack.unpackb(meshcat._GetPackedProperty(name, "visible"))
+        assert hidden["value"] is False
 
 
 @pytest.mark.parametrize(

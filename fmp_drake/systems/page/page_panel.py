@@ -162,7 +162,10 @@ def hidden_meshcat() -> Meshcat:
     own = ".".join(str(numbers.randint(1, 254)) for _ in range(3))
     for host in (f"127.{own}", "localhost"):
         with contextlib.suppress(RuntimeError):
-            return Meshcat(MeshcatParams(host=host, port=0, show_stats_plot=False))
+            meshcat = Meshcat(MeshcatParams(host=host, port=0, show_stats_plot=False))
+            for name in ("/Grid", "/Axes"):  # Else they are all until there is a scene.
+                meshcat.SetProperty(name, "visible", False)
+            return meshcat
     raise SystemsError("no port of this machine is free for Meshcat.")
 
 
