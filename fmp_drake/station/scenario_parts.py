@@ -259,7 +259,8 @@ class NormalForceConfig:
     force : float
         Along the board's normal, N; not negative.
     engage_height : float
-        Height of the target over the board below which the force increases smoothly, m.
+        Height of the target below which the force increases smoothly, m: over the board, or
+        over the greatest height of a recording that is never lifted.
     by_torque : bool
         Whether `impedance.force_control` uses the normal force from the arm's external
         torque, as behind LCM, instead of that of the simulated contact.
