@@ -255,12 +255,14 @@ def CheckNormalForce(scene: BoardScene) -> None:
     StationError
     """
     scenario = scene.scenario
-    u, v, _ = scenario.start
-    R_BT = RotationMatrix(rotation(scene.curvature, u, v))
+    R_WT = scene.X_WA.rotation()
+    if not scene.curvature.is_plane:
+        u, v, _ = scenario.start
+        R_WT = R_WT @ RotationMatrix(rotation(scene.curvature, u, v))
     limit = ArmForceLimit(
         scene.model,
         q=scene.robot.default_posture,
-        R_WB=scene.X_WA.rotation() @ R_BT,
+        R_WB=R_WT,
         friction=scenario.contact_friction(),
     )
     if scenario.press.force > limit:

@@ -13,6 +13,8 @@ import numba
 import numpy as np
 from numba.core import event
 from numba.core.caching import NullCache
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.cpu import CPUContext
 from numba.core.dispatcher import Dispatcher
 from numba.core.sigutils import normalize_signature
 
@@ -37,6 +39,21 @@ class _Progress(event.Listener):
         """Output a byte if the function is one of this folder."""
         if event.data["dispatcher"].__module__.startswith(f"{__package__}."):
             os.write(sys.stdout.fileno(), b".")
+
+
+class _InnerLibrary(JITCodeLibrary):
+    """Code of a function that is compiled only as a part of others.
+
+    It is optimised and translated with theirs, not once more alone.
+    """
+
+    def _optimize_final_module(self) -> None:
+        """Leave the code as it is."""
+
+    def _finalize_final_module(self) -> None:
+        """Make the code ready to be part of another one, without machine code."""
+        self._finalize_dynamic_globals()  # type: ignore[no-untyped-call]
+        self._finalized = True
 
 
 def compile_step() -> None:
@@ -68,8 +85,27 @@ def _leave_inside(stored: set[Any]) -> None:
     """Compile the other functions only as parts of these, without code to call them.
 
     Python could not call them, so they are not stored in the cache. The code that reads
-    Python's arguments is a fifth of all.
+    Python's arguments is a fifth of all, and machine code of parts another one.
     """
+    names = {function.py_func.__qualname__ for function in stored}
+    codegen: Any = JITCPUCodegen
+    context: Any = CPUContext
+    get_executable = context.get_executable
+
+    def create_library(self: Any, name: str) -> Any:
+        kind: Any = JITCodeLibrary if name in names else _InnerLibrary
+        return kind(self, name)
+
+    def get_executable_or_none(self: Any, library: Any, *options: Any) -> Any:
+        if not isinstance(library, _InnerLibrary):
+            return get_executable(self, library, *options)
+        library._ensure_finalized()  # type: ignore[no-untyped-call]
+        return [].append  # A different builtin for each function, which nobody calls.
+
+    codegen.create_library, context.get_executable = (
+        create_library,
+        get_executable_or_none,
+    )
     for name, module in list(sys.modules.items()):
         if name.startswith(f"{__package__}."):
             for function in vars(module).values():
