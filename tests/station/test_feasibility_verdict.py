@@ -10,7 +10,7 @@ from posed_recordings import demonstration
 
 from fmp_drake.primitives import FourierMovementPrimitive, transform_space
 from fmp_drake.station import CheckFeasibility, Scenario
-from fmp_drake.station.reach import force_prediction
+from fmp_drake.station.reach import board_reach
 from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
 from fmp_drake.station.reach.push_prediction import predict_lift
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
@@ -593,7 +593,7 @@ def test_normal_force_that_braked_joints_disturb_is_refused(
             out[few(count, motion)] = -5.1
         return out
 
-    monkeypatch.setattr(force_prediction, "predict_force_error", error)
+    monkeypatch.setattr(board_reach, "predict_force_error", error)
     predicted.change = fast(1.05, 40)
     found = CheckFeasibility(Scenario(), restless_skill)
     assert found.is_feasible == is_feasible
@@ -615,7 +615,7 @@ def test_contact_that_is_lost_counts_as_a_normal_force_that_is_off(
     predicted, restless_skill, monkeypatch, force, error, is_off
 ):
     monkeypatch.setattr(
-        force_prediction,
+        board_reach,
         "predict_force_error",
         lambda _config, _limits, motion, *_, **__: np.full(motion.q.shape[:2], error),
     )

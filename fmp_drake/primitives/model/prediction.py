@@ -170,10 +170,8 @@ class Replay:
         last = np.maximum.accumulate(np.where(is_known.any(axis=0), self._ahead, 0))
         values = values[last]
         deviations = np.swapaxes(futures - values, 0, 1)
-        spread = (np.swapaxes(deviations, 1, 2) * weighted.T[:, None] @ deviations)[
-            last
-        ]
-        return Replayed(values, spread, least / self._seen)
+        spread = np.swapaxes(deviations, 1, 2) * weighted.T[:, None] @ deviations
+        return Replayed(values, spread[last], least / self._seen)
 
 
 def _squared(values: Array) -> Array:

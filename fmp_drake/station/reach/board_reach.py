@@ -10,9 +10,10 @@ from pydrake.multibody.tree import BodyIndex
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.models.whiteboard import BoardBox
-from fmp_drake.station.reach.force_prediction import disturbed_fraction
+from fmp_drake.station.reach.force_prediction import predict_force_error
 from fmp_drake.station.reach.posture import SolvePosture
 from fmp_drake.station.reach.tracking_prediction import (
+    RESIDUAL,
     FeltContact,
     PredictedMotion,
     TrackingPredictor,
@@ -25,6 +26,7 @@ from fmp_drake.station.robots.robot import (
     RobotConfig,
 )
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.surface.surface import PLANE, Surface, place, rotations
 from fmp_drake.systems.surface_monitor import along, clearances, moved
@@ -66,9 +68,9 @@ class FollowingBounds:
         of them the whole motion.
     unsteady : float
         Fraction of the samples at which poses out of reach, braked joints and singularities
-        may change the normal force by more than its tolerance. Friction disturbs it as well: of ten runs
-        with 0.011 or more seven were outside it, or out of contact, for 5 to 22 % of the
-        time, and of 112 with 0.006 or less five, all of them pushed.
+        may change the normal force by more than its tolerance. Friction disturbs it as well:
+        of ten runs with 0.011 or more seven were outside it, or out of contact, for 5 to 22 %
+        of the time, and of 112 with 0.006 or less five, all of them pushed.
     lift : float
         Of the eraser off the board by a push, m: 9 cm alone are 10 mm rms in a run of 30 s.
     clearance : float
@@ -341,7 +343,10 @@ class BoardReach:
         q_posture: Array,
         step: float,
     ) -> float:
-        """Return the fraction of samples at which the normal force on the board is off.
+        """Return the fraction of samples at which the normal force is off, or contact is lost.
+
+        Beside `predict_force_error` it is that of poses out of reach: where the arm can
+        neither yield to the board nor reach down to it, the felt bears the error.
 
         Parameters
         ----------
@@ -354,15 +359,21 @@ class BoardReach:
         q_posture, step
             As for `predict_force_error`.
         """
-        return disturbed_fraction(
+        contact = self._contact._replace(force=force)
+        error = predict_force_error(
             self._scenario.impedance,
             self.limits,
             motion,
-            self._contact._replace(force=force),
-            pressed=self._pressed(paths, len(motion.q)),
+            contact,
             q_posture=q_posture,
             step=step,
         )
+        depth = motion.error[..., 5]
+        depth = depth - np.clip(depth, -RESIDUAL, RESIDUAL)
+        pressed = self._pressed(paths, len(motion.q))
+        error += np.where(pressed, contact.stiffness * depth, 0.0)
+        least = -min(FORCE_TOLERANCE, force)
+        return float(np.mean((error > FORCE_TOLERANCE) | (error < least)))
 
     def moves_into_reach(
         self, paths: Array, moved: Array, step: float, R_TE: Array | None = None

@@ -64,7 +64,8 @@ class Feasibility:
         the predicted ``tracking_error`` (rms, m); ``unsteady_fraction`` of the samples at
         which poses out of reach, braked joints or singularities change the normal force by
         more than 5 N; ``push_deviation``, the height to which scripted pushes lift the eraser
-        off the board (m); and the ``largest_tempo`` and ``largest_press`` (N) with which the check passes.
+        off the board (m); and the ``largest_tempo`` and ``largest_press`` (N) with which the
+        check passes.
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
         no clearance, friction and normal force; the angle needs rotation channels.
     start : array, shape (3,)

@@ -2,14 +2,12 @@
 
 import numpy as np
 
-from fmp_drake.numeric import Array, Mask
+from fmp_drake.numeric import Array
 from fmp_drake.station.reach.tracking_prediction import (
-    RESIDUAL,
     FeltContact,
     PredictedMotion,
     times,
 )
-from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.systems import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import JointLimits, JointWallConfig
 
@@ -98,37 +96,6 @@ def predict_force_error(
         forces.append(force)
     error[paths] = _controlled(config, np.stack(forces, axis=1), step)
     return error
-
-
-def disturbed_fraction(
-    config: ImpedanceConfig,
-    limits: JointLimits,
-    motion: PredictedMotion,
-    contact: FeltContact,
-    *,
-    pressed: Mask,
-    q_posture: Array,
-    step: float,
-) -> float:
-    """Return the fraction of samples at which the normal force is off, or contact is lost.
-
-    Beside `predict_force_error` it is that of poses out of reach: where the arm can neither
-    yield to the board nor reach down to it, the felt bears the error along the normal.
-
-    Parameters
-    ----------
-    config, limits, motion, contact, q_posture, step
-        As for `predict_force_error`.
-    pressed : array of bool, shape (B, T)
-        As for `TrackingPredictor.follow`.
-    """
-    error = predict_force_error(
-        config, limits, motion, contact, q_posture=q_posture, step=step
-    )
-    depth = motion.error[..., 5] - np.clip(motion.error[..., 5], -RESIDUAL, RESIDUAL)
-    error += np.where(pressed, contact.stiffness * depth, 0.0)
-    least = -min(FORCE_TOLERANCE, contact.force)
-    return float(np.mean((error > FORCE_TOLERANCE) | (error < least)))
 
 
 def _allowed_speeds(
