@@ -23,7 +23,7 @@ References
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -187,15 +187,13 @@ def engagement(height: float, engage_height: float) -> float:
 
 
 @compiled
-def contact_of(
-    settings: np.record, stopped: bool, inputs: np.record, p_TE: Array
-) -> Contact:
+def contact_of(settings: Any, stopped: bool, inputs: np.record, p_TE: Array) -> Contact:
     """Return the desired contact of a tool.
 
     Parameters
     ----------
-    settings : record
-        `ImpedanceSettings` of the controller.
+    settings : ImpedanceSettings
+        Of the controller.
     stopped : bool
         Whether there is a protective stop.
     inputs : record
