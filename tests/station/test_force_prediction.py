@@ -81,6 +81,25 @@ def test_the_board_bears_what_a_brake_pushes_along_its_normal(excess, direction)
     assert_allclose(forces[0, -10:], expected, rtol=0.01)
 
 
+def test_the_force_rises_as_in_damped_springs_with_the_felt():
+    # Unit masses along the board's x and normal, and joint 4 between both.
+    zeta, felt = 0.7, 2000.0
+    found = error(moving(1.8), felt=felt, damping_ratio=zeta)[0]
+    a = np.array([np.cos(ANGLE), np.sin(ANGLE)])
+    D, K = 2 * zeta * np.sqrt([1500.0, 200.0]), np.diag([1500.0, 200.0 + felt])
+    x, v, expected = np.zeros(2), np.zeros(2), []
+    for _ in range(60):
+        # An implicit step; the brake depends on the speed at its end.
+        A = np.eye(2) / STEP**2 + np.diag(D) / STEP + K
+        A += BRAKE / STEP * np.outer(a, a)
+        b = (x + STEP * v) / STEP**2 + D * x / STEP
+        b += BRAKE * a * (1.8 - BRAKED_ABOVE + a @ x / STEP)
+        before, x = x, np.linalg.solve(A, b)
+        v = (x - before) / STEP
+        expected.append(felt * x[1])
+    assert_allclose(found[:60], expected, rtol=1e-6, atol=1e-6)
+
+
 def test_force_fades_where_the_joint_is_not_braked_any_more():
     v = np.where(np.arange(80) < 40, BRAKED_ABOVE + 0.1, 0.5)
     motion = moving(0.0)

@@ -68,8 +68,8 @@ def test_an_arm_that_runs_away_is_stopped_shown_reported_and_judged(wiping_skill
     ("disturbance", "largest"),
     [
         (Disturbance(start=1.0, duration=0.2, force=[0.0, 0.0, -120.0]), 200.0),
-        # Without the retreat it is 81 N.
-        (CASES[StatusFlag.FORCE_OSCILLATION][0], 75.0),
+        # Without the retreat it is 124 N.
+        (CASES[StatusFlag.FORCE_OSCILLATION][0], 110.0),
     ],
 )
 def test_a_stopped_tool_is_not_thrown_against_the_board(

@@ -293,19 +293,26 @@ def test_an_error_that_a_braked_joint_leaves_is_the_equilibrium_of_the_springs(a
 def test_pressed_felt_bears_what_the_arm_cannot_yield():
     # A board that rises out of the arm's reach, and one that sinks.
     panda = Follower("panda")
-    contact = FeltContact(force=10.0, stiffness=5000.0)
-    pressing = TrackingPredictor(panda.plant, panda.tip, panda.config, contact)
-    free = panda.predictor
+    pressing, softer = (
+        TrackingPredictor(
+            panda.plant, panda.tip, panda.config, FeltContact(force=10.0, stiffness=k)
+        )
+        for k in (5000.0, 200.0)
+    )
+    free, everywhere = panda.predictor, np.ones((1, 60), dtype=bool)
     for direction in (1.0, -1.0):
         out = np.linspace(0.0, 0.9, 60)[:, None]
         path = direction * out * TILT[:, 2] + 0.3 * out * TILT[:, 0]
         panda.predictor = free
         loose = panda.follow(path).error[-1]
         panda.predictor = pressing
-        pressed = panda.follow(path, pressed=np.ones((1, 60), dtype=bool)).error[-1]
+        pressed = panda.follow(path, pressed=everywhere).error[-1]
         assert_allclose(panda.follow(path).error[-1], loose, atol=1e-9)
         assert_allclose(np.sign(loose[5]), direction)
         if direction > 0:  # The error is beside the path instead.
             assert abs(pressed[5]) < 0.5 * abs(loose[5])
+            panda.predictor = softer  # As stiff as the spring.
+            soft = panda.follow(path, pressed=everywhere).error[-1]
+            assert abs(pressed[5]) < abs(soft[5]) < abs(loose[5])
         else:  # The contact is lost: the board does not pull.
             assert pressed[5] == pytest.approx(loose[5], rel=0.05)
