@@ -24,9 +24,12 @@ from fmp_drake.systems.ink.mesh import corner_shades, ink_mesh
 from fmp_drake.systems.ink.rubbing import Cells, compile_rubbing
 from fmp_drake.systems.page.paths import rod_mesh
 
+# To free what the compiler has made would take another second.
 _COMPILE_STEP = """
+import os
 from fmp_drake.systems.impedance.compilation import compile_step
 compile_step()
+os._exit(0)
 """
 
 _FAST_COMPILATION = {

@@ -1,7 +1,7 @@
 """Compilation of the controller's functions by two processes, side by side.
 
-One compiles `impedance_step`, the other those of its parts that take longest. The parts
-are ready in the cache before the first process needs them.
+One compiles `impedance_step`, the other those of its last parts that take longest. The
+parts are ready in the cache before the first process needs them.
 """
 
 import gc
@@ -20,12 +20,11 @@ from numba.core.sigutils import normalize_signature
 
 from fmp_drake.systems.impedance.joints import JointLimits, limited_torque
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law, mobility
-from fmp_drake.systems.impedance.records import LAYOUT, MEMORY, PACKED
+from fmp_drake.systems.impedance.records import LAYOUT
 from fmp_drake.systems.impedance.step import (
     STEP_TYPES,
     impedance_step,
     measured_motion,
-    next_stiffness,
 )
 
 
@@ -143,10 +142,6 @@ def _parts() -> list[tuple[Any, tuple[Any, ...]]]:
                 joint,
                 joint,
             ),
-        ),
-        (
-            next_stiffness,
-            (settings, np.zeros(1, MEMORY)[0], np.zeros(1, PACKED)[0], six),
         ),
         (
             measured_motion,
