@@ -167,6 +167,14 @@ def test_the_board_bears_the_force_that_a_bounded_inertia_lacks(acceleration):
     assert np.all(error(motion, posture_frequency=0.0) == 0)
 
 
+def test_a_path_may_be_near_a_singularity_at_its_end_only():
+    motion = heavy(1000.0, acceleration=0.1)
+    motion.M[:, :120, 3, 3] = 1.0
+    forces = error(motion, force=200.0, posture_frequency=0.0)[0]
+    assert_allclose(forces[:120], 0.0, atol=1e-9)
+    assert_allclose(forces[-10:], 700.0 * 0.1 * np.sin(ANGLE), rtol=0.06)
+
+
 @pytest.mark.parametrize(
     ("lead", "v", "acceleration"),
     [(0.1, 0.0, 25 * 0.1), (-2.0, 0.0, -25 * 0.5), (0.0, 0.5, -2 * 0.8 * 5 * 0.5)],
