@@ -13,11 +13,13 @@ from pydrake.systems.primitives import (
     MatrixGain,
     Saturation,
 )
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillError, StationError
-from fmp_drake.numeric import Mask
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.primitives.data.channels import ChannelRoles, channel_roles
+from fmp_drake.primitives.data.orientation import rotation_vectors
 from fmp_drake.station.board_scene import BoardScene
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.tasks.task import Measurements
@@ -113,6 +115,23 @@ def SkillRoles(skill: FourierMovementPrimitive) -> ChannelRoles:
         )
     except SkillError as error:
         raise StationError(f"this skill cannot be played: {error}") from None
+
+
+def StartChannels(
+    scenario: Scenario, skill: FourierMovementPrimitive, roles: ChannelRoles
+) -> Array:
+    """Return the measured channels of a skill at the start, shape (D,).
+
+    A force channel starts at 0, before contact.
+    """
+    start = np.zeros(roles.count)
+    start[list(roles.position)] = scenario.start
+    if roles.rotation is not None and roles.reference is not None:
+        R_TE = Rotation.from_matrix(scenario.eraser_orientation().matrix())
+        middle = np.mean(skill.extent_, axis=0)[list(roles.rotation)]
+        vector = rotation_vectors(R_TE, roles.reference, near=middle)
+        start[list(roles.rotation)] = vector
+    return start
 
 
 def ContactHeight(scenario: Scenario, skill: FourierMovementPrimitive | None) -> float:

@@ -12,6 +12,7 @@ from fmp_drake.primitives import FourierMovementPrimitive, transform_space
 from fmp_drake.station import CheckFeasibility, Scenario
 from fmp_drake.station.reach import board_reach
 from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
+from fmp_drake.station.reach.force_prediction import Deviation
 from fmp_drake.station.reach.push_prediction import predict_lift
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
@@ -74,6 +75,13 @@ def predicted(monkeypatch):
     monkeypatch.setattr(BoardReach, "follow", follow)
     monkeypatch.setattr(BoardReach, "clearance", lambda *args: far_away(args[2]))
     return predictions
+
+
+def deviation_of(motion, *, force=0.0, tilt=0.0):
+    """Return the same deviation from every sample of a motion."""
+    shape = motion.q.shape[:2]
+    pose = np.broadcast_to([0.0, tilt, 0.0, 0.0, 0.0, 0.0], (*shape, 6))
+    return Deviation(pose, np.full(shape, force))
 
 
 def few(count, motion):
@@ -588,12 +596,12 @@ def test_normal_force_that_braked_joints_disturb_is_refused(
         assert contact.stiffness == pytest.approx(1.25e4 * 0.006 / 0.015)
         assert q_posture.shape == motion.q.shape[2:]
         assert step == pytest.approx(predicted.asked[-1]["step"])
-        out = np.full(motion.q.shape[:2], 4.9)
+        out = deviation_of(motion, force=4.9)
         if step < 0.12:  # Slower than tempo 0.83 nothing is braked.
-            out[few(count, motion)] = -5.1
+            out.force[few(count, motion)] = -5.1
         return out
 
-    monkeypatch.setattr(board_reach, "predict_force_error", error)
+    monkeypatch.setattr(board_reach, "predict_deviation", error)
     predicted.change = fast(1.05, 40)
     found = CheckFeasibility(Scenario(), restless_skill)
     assert found.is_feasible == is_feasible
@@ -616,8 +624,8 @@ def test_contact_that_is_lost_counts_as_a_normal_force_that_is_off(
 ):
     monkeypatch.setattr(
         board_reach,
-        "predict_force_error",
-        lambda _config, _limits, motion, *_, **__: np.full(motion.q.shape[:2], error),
+        "predict_deviation",
+        lambda _config, _limits, motion, *_, **__: deviation_of(motion, force=error),
     )
     predicted.change = fast(0.5, 40)
     scenario = Scenario()
@@ -643,6 +651,30 @@ def test_the_felt_bears_the_errors_of_poses_that_are_pressed(
     skill = transform_space(restless_skill, translation=[0.0, 0.0, height])
     values = CheckFeasibility(scenario, skill).values
     assert values["unsteady_fraction"] == pytest.approx(is_off, abs=0.06)
+
+
+@pytest.mark.usefixtures("predicted")
+@pytest.mark.parametrize("shape", ["none", "plane"])
+@pytest.mark.parametrize(("tilt", "is_feasible"), [(0.24, True), (0.26, False)])
+def test_a_tool_that_braked_joints_turn_is_refused(
+    stirring, monkeypatch, shape, tilt, is_feasible
+):
+    monkeypatch.setattr(
+        board_reach,
+        "predict_deviation",
+        lambda _config, _limits, motion, *_, **__: deviation_of(
+            motion, tilt=np.deg2rad(tilt)
+        ),
+    )
+    scenario = Scenario()
+    scenario.board.shape = shape
+    found = CheckFeasibility(scenario, stirring)
+    assert found.is_feasible == is_feasible
+    if not is_feasible:
+        assert (
+            "joints are braked, nearly singular or at their limits, and the tool is off its "
+            "orientation by 0.3 degrees rms" in found.verdict
+        )
 
 
 def test_a_skill_in_free_space_has_no_normal_force(predicted, restless_skill):

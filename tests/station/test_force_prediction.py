@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from fmp_drake.station.reach.force_prediction import (
     FeltContact,
-    predict_force_error,
+    predict_deviation,
 )
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.systems import ImpedanceConfig
@@ -53,14 +53,18 @@ def moving(v, *, samples=80, q=0.5):
     )
 
 
-def error(motion, *, force=50.0, felt=FELT, limits=LIMITS, lead=0.0, **changes):
-    """Return the error; the posture of joint 4 is ahead of the motion by `lead`, rad."""
+def deviation(motion, *, force=50.0, felt=FELT, limits=LIMITS, lead=0.0, **changes):
+    """Return pose and force; the posture of joint 4 is ahead of the motion by `lead`, rad."""
     contact, posture = FeltContact(force, felt), motion.q[0, 0].copy()
     posture[3] += lead
     config = ImpedanceConfig(**changes)
-    return predict_force_error(
+    return predict_deviation(
         config, limits, motion, contact, q_posture=posture, step=STEP
     )
+
+
+def error(motion, **options):
+    return deviation(motion, **options).force
 
 
 def heavy(mass, v=0.0, acceleration=0.0):
@@ -84,7 +88,7 @@ def test_the_board_bears_what_a_brake_pushes_along_its_normal(excess, direction)
 def test_the_force_rises_as_in_damped_springs_with_the_felt():
     # Unit masses along the board's x and normal, and joint 4 between both.
     zeta, felt = 0.7, 2000.0
-    found = error(moving(1.8), felt=felt, damping_ratio=zeta)[0]
+    pose, found = deviation(moving(1.8), felt=felt, damping_ratio=zeta)
     a = np.array([np.cos(ANGLE), np.sin(ANGLE)])
     D, K = 2 * zeta * np.sqrt([1500.0, 200.0]), np.diag([1500.0, 200.0 + felt])
     x, v, expected = np.zeros(2), np.zeros(2), []
@@ -96,8 +100,10 @@ def test_the_force_rises_as_in_damped_springs_with_the_felt():
         b += BRAKE * a * (1.8 - BRAKED_ABOVE + a @ x / STEP)
         before, x = x, np.linalg.solve(A, b)
         v = (x - before) / STEP
-        expected.append(felt * x[1])
-    assert_allclose(found[:60], expected, rtol=1e-6, atol=1e-6)
+        expected.append(x)
+    assert_allclose(pose[0, :60, [3, 5]].T, expected, atol=1e-9)
+    assert_allclose(pose[..., [0, 1, 2, 4]], 0.0, atol=1e-9)
+    assert_allclose(found, felt * pose[..., 5], rtol=1e-9)
 
 
 def test_force_fades_where_the_joint_is_not_braked_any_more():

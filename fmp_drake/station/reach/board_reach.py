@@ -10,7 +10,7 @@ from pydrake.multibody.tree import BodyIndex
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.models.whiteboard import BoardBox
-from fmp_drake.station.reach.force_prediction import predict_force_error
+from fmp_drake.station.reach.force_prediction import predict_deviation
 from fmp_drake.station.reach.posture import SolvePosture
 from fmp_drake.station.reach.tracking_prediction import (
     RESIDUAL,
@@ -182,13 +182,12 @@ class BoardReach:
         config = LoadRobot(scenario.robot)
         self._model = model = MakeRobotModel(config, scenario.held_tool())
         CheckJointInertia(model, scenario.impedance)
-        felt = FeltForceLimit(scenario.eraser) / FELT_DEPTH
-        self._contact = FeltContact(scenario.nominal_force(), felt)
+        self._contact = None
+        if scenario.has_board:
+            felt = FeltForceLimit(scenario.eraser) / FELT_DEPTH
+            self._contact = FeltContact(scenario.nominal_force(), felt)
         self._predictor = TrackingPredictor(
-            model.plant,
-            model.tip,
-            scenario.impedance,
-            self._contact if scenario.has_board else None,
+            model.plant, model.tip, scenario.impedance, self._contact
         )
         self._clearance = ArmClearance(config)
         self._p_WBase = np.array(config.base_pose.translation)
@@ -334,7 +333,7 @@ class BoardReach:
         )
         return distance.reshape(shape), link
 
-    def disturbed_fraction(
+    def disturbances(
         self,
         motion: PredictedMotion,
         paths: Array,
@@ -342,11 +341,13 @@ class BoardReach:
         force: float,
         q_posture: Array,
         step: float,
-    ) -> float:
-        """Return the fraction of samples at which the normal force is off, or contact is lost.
+    ) -> tuple[float, float]:
+        """Return how braked joints, singularities and poses out of reach disturb a motion.
 
-        Beside `predict_force_error` it is that of poses out of reach: where the arm can
-        neither yield to the board nor reach down to it, the felt bears the error.
+        The first value is the fraction of samples at which the normal force is off, or
+        contact is lost: where the arm can neither yield to the board nor reach down to it,
+        the felt bears the error. The second one is the rms deviation of the tool's
+        orientation from the predicted motion, rad.
 
         Parameters
         ----------
@@ -357,10 +358,12 @@ class BoardReach:
         force : float
             Desired normal force, N.
         q_posture, step
-            As for `predict_force_error`.
+            As for `predict_deviation`.
         """
-        contact = self._contact._replace(force=force)
-        error = predict_force_error(
+        contact = FeltContact(0.0, 0.0)
+        if self._contact is not None:
+            contact = self._contact._replace(force=force)
+        deviation = predict_deviation(
             self._scenario.impedance,
             self.limits,
             motion,
@@ -368,12 +371,14 @@ class BoardReach:
             q_posture=q_posture,
             step=step,
         )
+        tilt = np.sqrt(np.mean(np.sum(deviation.pose[..., :3] ** 2, axis=-1)))
         depth = motion.error[..., 5]
         depth = depth - np.clip(depth, -RESIDUAL, RESIDUAL)
         pressed = self._pressed(paths, len(motion.q))
-        error += np.where(pressed, contact.stiffness * depth, 0.0)
+        error = deviation.force + np.where(pressed, contact.stiffness * depth, 0.0)
         least = -min(FORCE_TOLERANCE, force)
-        return float(np.mean((error > FORCE_TOLERANCE) | (error < least)))
+        is_off = (error > FORCE_TOLERANCE) | (error < least)
+        return float(np.mean(is_off)), float(tilt)
 
     def moves_into_reach(
         self, paths: Array, moved: Array, step: float, R_TE: Array | None = None

@@ -8,13 +8,12 @@ from functools import cached_property
 import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.math import RigidTransform
-from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array, Mask, one_blas_thread
 from fmp_drake.primitives import FourierMovementPrimitive, Player
 from fmp_drake.primitives.data.channels import ChannelRoles
-from fmp_drake.primitives.data.orientation import rotation_vectors, rotations_of
+from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.station.reach.board_reach import (
     LONGEST_MOVE,
     BoardReach,
@@ -24,7 +23,7 @@ from fmp_drake.station.reach.push_prediction import predict_lifts
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.station.scenario import ParseScenario, Scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
-from fmp_drake.station.skill_motion import SkillMargin, SkillRoles
+from fmp_drake.station.skill_motion import SkillMargin, SkillRoles, StartChannels
 
 type Values = dict[str, np.floating | float]
 
@@ -214,7 +213,7 @@ class _Check:
             Channels of the skill, with positions in B, m; windows from the start first.
         """
         skill, config = self._skill, self._scenario.skill
-        start = _start_channels(self._scenario, skill, roles)
+        start = StartChannels(self._scenario, skill, roles)
         beginnings = np.empty((_BEGINNINGS, skill.n_steps, skill.n_channels_))
         margin = SkillMargin(self._scenario, skill)
         player = Player(skill, sample=config.sample, seed=config.seed, margin=margin)
@@ -265,7 +264,9 @@ class _Check:
         values, missed = self._judge_reach(motion, clearance, link, lag)
         values |= self._judge_speed(motion, lag, lag_angle)
         values |= self._judge_force(motion)
-        values |= self._judge_contact(motion, posture, float(values["largest_tempo"]))
+        values |= self._judge_disturbances(
+            motion, posture, float(values["largest_tempo"])
+        )
         values |= self._judge_pushes(motion)
         ratios = [
             f"{100 * values[name]:.0f} %"
@@ -493,22 +494,32 @@ class _Check:
             "largest_press": limit,
         }
 
-    def _judge_contact(self, motion: PredictedMotion, q: Array, tempo: float) -> Values:
-        """Return how often poses out of reach and braked joints disturb the normal force."""
-        if self._faults or not self._scenario.has_board:
+    def _judge_disturbances(
+        self, motion: PredictedMotion, q: Array, tempo: float
+    ) -> Values:
+        """Return how often braked joints and poses out of reach disturb the normal force."""
+        has_board, bounds = self._scenario.has_board, self._bounds
+        if self._faults or not (has_board or self._R_TE is not None):
             return {}
         force = float(np.max(self._force))
-        fraction = self._reach.disturbed_fraction(
+        fraction, tilt = self._reach.disturbances(
             motion, self._paths, force=force, q_posture=q, step=self._step
         )
-        if fraction > self._bounds.unsteady:
-            self._faults.append(
-                "joints are braked, nearly singular or at their limits, and on "
-                f"{100 * fraction:.1f} % of the path the normal force is off by more than "
+        text = ""
+        if has_board and fraction > bounds.unsteady:
+            text = (
+                f"on {100 * fraction:.1f} % of the path the normal force is off by more than "
                 f"{FORCE_TOLERANCE:g} N"
             )
+        elif self._R_TE is not None and tilt > bounds.orientation_error:
+            text = (
+                f"the tool is off its orientation by {np.rad2deg(tilt):.1f} degrees rms"
+            )
+        if text:
+            cause = "joints are braked, nearly singular or at their limits, and "
+            self._faults.append(cause + text)
             self._slower, self._is_disturbed = min(tempo, self._tempo), True
-        return {"unsteady_fraction": fraction}
+        return {"unsteady_fraction": fraction} if has_board else {}
 
     def _judge_pushes(self, motion: PredictedMotion) -> Values:
         """Return how far scripted pushes lift the eraser off the board."""
@@ -538,20 +549,3 @@ class _Check:
 def _joint(values: Array) -> int:
     """Return the number, from 1, of the joint with the largest value."""
     return int(np.unravel_index(np.argmax(values), values.shape)[-1]) + 1
-
-
-def _start_channels(
-    scenario: Scenario, skill: FourierMovementPrimitive, roles: ChannelRoles
-) -> Array:
-    """Return the measured channels of a skill at the start, shape (D,).
-
-    A force channel starts at 0, before contact.
-    """
-    start = np.zeros(roles.count)
-    start[list(roles.position)] = scenario.start
-    if roles.rotation is not None and roles.reference is not None:
-        R_TE = Rotation.from_matrix(scenario.eraser_orientation().matrix())
-        middle = np.mean(skill.extent_, axis=0)[list(roles.rotation)]
-        vector = rotation_vectors(R_TE, roles.reference, near=middle)
-        start[list(roles.rotation)] = vector
-    return start

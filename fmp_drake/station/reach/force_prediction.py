@@ -1,4 +1,6 @@
-"""Prediction of the normal force where joints are braked, and near singularities."""
+"""Prediction of deviations where joints are braked, and near singularities."""
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +19,24 @@ _ITERATIONS = 3
 _LEAST = 1e-9
 
 
-def predict_force_error(
+class Deviation(NamedTuple):
+    """Deviation of B paths of T samples from their predicted motion.
+
+    Attributes
+    ----------
+    pose : array, shape (B, T, 6)
+        From the actual to the predicted pose, in the board's axes: rotation in rad, then
+        translation in m.
+    force : array, shape (B, T)
+        Actual minus desired normal force, N. The board cannot pull: where it is less than
+        minus the desired force, contact is lost.
+    """
+
+    pose: Array
+    force: Array
+
+
+def predict_deviation(
     config: ImpedanceConfig,
     limits: JointLimits,
     motion: PredictedMotion,
@@ -25,8 +44,8 @@ def predict_force_error(
     *,
     q_posture: Array,
     step: float,
-) -> Array:
-    """Predict the error of the normal force where the law cannot follow the motion.
+) -> Deviation:
+    """Predict pose and normal force where the law cannot follow the motion.
 
     The deviations δ of the joints from the predicted motion q obey the closed loop about
     it, ``M δ̈ + (Jᵀ D J + 2 ζ ω N) δ̇ + (Jᵀ K J + ω² N) δ = τ + N (q̈ − a)`` with
@@ -48,14 +67,9 @@ def predict_force_error(
         The controller's posture, rad.
     step : float
         Time from sample to sample, s.
-
-    Returns
-    -------
-    array, shape (B, T)
-        Actual minus desired normal force, N. The board cannot pull: where the error is less
-        than minus the desired force, contact is lost.
     """
-    error = np.zeros(motion.q.shape[:2])
+    shape = motion.q.shape[:2]
+    deviation = Deviation(np.zeros((*shape, 6)), np.zeros(shape))
     slowest, fastest = _allowed_speeds(config.walls, limits, motion.q)
     is_braked = np.any((motion.v < slowest) | (motion.v > fastest), axis=(1, 2))
     # As in `task_modes`: the trace of the scaled Λ is more than its largest eigenvalue.
@@ -64,7 +78,7 @@ def predict_force_error(
     inertia = np.trace(np.linalg.inv(mobility + _LEAST * np.eye(6)), axis1=-2, axis2=-1)
     paths = is_braked | np.any(inertia > config.max_effective_mass, axis=1)
     if not np.any(paths):
-        return error
+        return deviation
     M, J, v, q = motion.M[paths], motion.J[paths], motion.v[paths], motion.q[paths]
     slowest, fastest = slowest[paths], fastest[paths]
     damping, stiffness, N = _closed_loop(config, M, J, mobility[paths])
@@ -73,7 +87,8 @@ def predict_force_error(
     brake = np.diagonal(M, axis1=-2, axis2=-1) / config.walls.braking_time
     keeps_contact = config.force_control.enabled
     delta, speed = np.zeros((2, *v[:, 0].shape))
-    is_closed, forces = np.ones(len(v), dtype=bool), []
+    is_closed = np.ones(len(v), dtype=bool)
+    forces, poses = [], []
     for k in range(v.shape[1]):
         inertia, viscous = M[:, k] / step**2, damping[:, k] / step
         A = inertia + viscous + stiffness[:, k]
@@ -94,8 +109,10 @@ def predict_force_error(
             force = contact.stiffness * np.sum(normal * delta, axis=-1)
             is_closed = (force >= -contact.force) | keeps_contact
         forces.append(force)
-    error[paths] = _controlled(config, np.stack(forces, axis=1), step)
-    return error
+        poses.append(times(J[:, k], delta))
+    deviation.force[paths] = _controlled(config, np.stack(forces, axis=1), step)
+    deviation.pose[paths] = np.stack(poses, axis=1)
+    return deviation
 
 
 def _allowed_speeds(
