@@ -27,7 +27,8 @@ class SurfaceMonitor(LeafSystem):
     A hard point there has passed through the board, or is about to. Contact is compliant,
     so a small penetration is normal: 0.1 mm for the face of an eraser and 4 mm for a
     corner under 80 N. The status reports more than `TOLERANCE`, and a contact of the
-    board with any link except the tool.
+    board with any link except the tool. A link that is wholly behind the board does not
+    count.
 
     Input port ``body_poses``: abstract, list of `RigidTransform` X_WBody; the plant's.
     Output ports, both discrete state:
@@ -126,8 +127,10 @@ class SurfaceMonitor(LeafSystem):
         p = along(self._curvature, p_B)
         depth, touches = 0.0, False
         if np.any(p[:, 2] < self._radii + self._top):  # Else all are above the board.
-            depth = deepest(p, self._radii, self._box)
+            # A link behind the board is always there, as at a bowl beside the arm's base.
             arm = self._on_arm
+            is_behind = arm & (p[:, 2] < self._box[0, 2] - self._radii)
+            depth = deepest(p[~is_behind], self._radii[~is_behind], self._box)
             gaps = clearances(p[arm], self._radii[arm], self._box)
             touches = bool(np.any(gaps < 0))
         flags = StatusFlag.BELOW_SURFACE * (depth > TOLERANCE)

@@ -135,6 +135,13 @@ def test_an_arm_in_the_board_is_below_it_and_touches_it():
     assert flags == StatusFlag.BELOW_SURFACE | StatusFlag.ARM_TOUCHES
 
 
+def test_a_link_behind_the_board_is_not_below_its_surface():
+    # As the shoulder of an arm whose base is beside a bowl.
+    behind = [0.1, 0.1, -0.041]
+    assert look(make_monitor(on_arm=[True, True]), behind) == (0.0, 0)
+    assert look(make_monitor(), behind)[1] == StatusFlag.BELOW_SURFACE
+
+
 def test_distances_from_a_pipe_are_along_its_radius():
     """A quarter of a pipe of 0.2 m along x, whose axis is 0.2 m below B."""
     pipe = Surface(kx=0.0, ky=5.0)
