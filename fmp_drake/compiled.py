@@ -58,17 +58,18 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
     invalidated by folder.
     """
     folder = Path(inspect.getfile(function)).parent
-    _forget_outdated(folder)
     function_counts[folder] += 1
     compile_later = numba.njit(cache=True, **_OPTIONS)
     try:
-        return compile_later(function)
+        dispatcher: Any = compile_later(function)
     except RuntimeError:
         # numba refuses to compile without a place for its cache.
         cache_dir = tempfile.mkdtemp(prefix="fmp_drake_")
         atexit.register(shutil.rmtree, cache_dir, ignore_errors=True)
         numba.config.CACHE_DIR = cache_dir  # type: ignore[attr-defined]
         return compile_later(function)
+    _forget_outdated(folder, Path(dispatcher.stats.cache_path))
+    return dispatcher
 
 
 def inlined[F: Callable[..., Any]](function: F) -> F:
@@ -81,14 +82,14 @@ def inlined[F: Callable[..., Any]](function: F) -> F:
 
 
 @cache
-def _forget_outdated(folder: Path) -> None:
+def _forget_outdated(folder: Path, cached: Path) -> None:
     """Delete the compiled functions of a folder that are older than a module in it.
 
     numba detects a change of a function's own file, but not of the functions it calls.
     """
     modules = [Path(__file__), *folder.glob("*.py")]
     newest = max(module.stat().st_mtime for module in modules)
-    for cache_file in (folder / "__pycache__").glob("*.nb[ci]"):
+    for cache_file in cached.glob("*.nb[ci]"):
         # Another process may delete it at the same time, or the folder is read-only.
         with contextlib.suppress(OSError):
             if cache_file.stat().st_mtime < newest:

@@ -76,7 +76,14 @@ def test_compiled_function_equals_its_source():
     )
 
 
-def test_change_of_a_called_function_invalidates_the_cache(tmp_path):
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_change_of_a_called_function_invalidates_the_cache(
+    tmp_path, monkeypatch, elsewhere
+):
+    if elsewhere:
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    else:
+        monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     inner = tmp_path / "inner.py"
     head = "from fmp_drake.compiled import compiled\n"
     body = "@compiled\ndef {}(x):\n    return {}\n"
