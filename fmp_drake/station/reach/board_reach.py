@@ -10,9 +10,10 @@ from pydrake.multibody.tree import BodyIndex
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.models.whiteboard import BoardBox
-from fmp_drake.station.reach.force_prediction import predict_deviation
+from fmp_drake.station.reach.deviation_prediction import predict_deviation
 from fmp_drake.station.reach.posture import SolvePosture
 from fmp_drake.station.reach.tracking_prediction import (
+    NO_CONTACT,
     RESIDUAL,
     FeltContact,
     PredictedMotion,
@@ -182,7 +183,7 @@ class BoardReach:
         config = LoadRobot(scenario.robot)
         self._model = model = MakeRobotModel(config, scenario.held_tool())
         CheckJointInertia(model, scenario.impedance)
-        self._contact = None
+        self._contact = NO_CONTACT
         if scenario.has_board:
             felt = FeltForceLimit(scenario.eraser) / FELT_DEPTH
             self._contact = FeltContact(scenario.nominal_force(), felt)
@@ -219,10 +220,10 @@ class BoardReach:
         motion = self.follow(X_WB, path, moved=-self.rail, step=1.0, postures=preferred)
         return motion.q[:, -1]
 
-    def _pressed(self, paths: Array, count: int) -> Mask:
-        """Return whether paths (B, T, 3) are in desired contact, for B paths on each board."""
+    def _pressed(self, paths: Array, boards: int) -> Mask:
+        """Return whether paths (B, T, 3) are in desired contact, shape (boards * B, T)."""
         is_low = paths[..., 2] < self._scenario.press.engage_height
-        return np.tile(is_low, (count // len(paths), 1))
+        return np.tile(is_low, (boards, 1))
 
     def follow(
         self,
@@ -282,7 +283,7 @@ class BoardReach:
             R_WT,
             q_posture=np.repeat(postures, len(paths), axis=0),
             step=step,
-            pressed=self._pressed(paths, len(p_WE) * len(paths)),
+            pressed=self._pressed(paths, len(X_WB)),
             speed=speed,
         )
 
@@ -360,9 +361,7 @@ class BoardReach:
         q_posture, step
             As for `predict_deviation`.
         """
-        contact = FeltContact(0.0, 0.0)
-        if self._contact is not None:
-            contact = self._contact._replace(force=force)
+        contact = self._contact._replace(force=force)
         deviation = predict_deviation(
             self._scenario.impedance,
             self.limits,
@@ -374,7 +373,7 @@ class BoardReach:
         tilt = np.sqrt(np.mean(np.sum(deviation.pose[..., :3] ** 2, axis=-1)))
         depth = motion.error[..., 5]
         depth = depth - np.clip(depth, -RESIDUAL, RESIDUAL)
-        pressed = self._pressed(paths, len(motion.q))
+        pressed = self._pressed(paths, len(motion.q) // len(paths))
         error = deviation.force + np.where(pressed, contact.stiffness * depth, 0.0)
         least = -min(FORCE_TOLERANCE, force)
         is_off = (error > FORCE_TOLERANCE) | (error < least)

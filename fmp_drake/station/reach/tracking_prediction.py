@@ -18,7 +18,6 @@ _CORRECTIONS, _LONGEST_STEP = 5, 0.15  # rad
 # Samples from the arm's posture to the start of a path, and at rest there.
 _LEAD_IN, _SETTLE = 16, 12
 
-
 RESIDUAL = 2e-4
 """Error along the normal that the prediction may leave near a singularity, m."""
 
@@ -81,6 +80,10 @@ class FeltContact(NamedTuple):
     stiffness: float
 
 
+NO_CONTACT = FeltContact(0.0, 0.0)
+"""Contact in free space."""
+
+
 class TrackingPredictor:
     """Prediction of the arm's motion under impedance control along a path.
 
@@ -97,7 +100,7 @@ class TrackingPredictor:
     tip : Frame
         E.
     config : ImpedanceConfig
-    contact : FeltContact, optional
+    contact : FeltContact
         With the board, on the pressed parts of a path.
     """
 
@@ -106,7 +109,7 @@ class TrackingPredictor:
         arm: MultibodyPlant,
         tip: Frame,
         config: ImpedanceConfig,
-        contact: FeltContact | None = None,
+        contact: FeltContact = NO_CONTACT,
     ) -> None:
         self._arm, self._tip, self._config = arm, tip, config
         self._contact = contact
@@ -187,8 +190,8 @@ class TrackingPredictor:
             v, before = (q - before) / step, q
             M, Cv, X, J = self._read(q, v)
             error = _errors(X, path[:, k], R_WE[:, i]).reshape(-1, 2, 3) @ R_WB[:, i]
-            if contact is not None and pressed is not None:
-                is_low = error[:, 1, 2] > -contact.force / contact.stiffness
+            if pressed is not None:
+                is_low = contact.stiffness * error[:, 1, 2] > -contact.force
                 is_closed = is_low & pressed[:, max(k - _LEAD_IN - _SETTLE, 0)]
                 stiffness[:, 5] = normal + contact.stiffness * is_closed
             damping = _damping(stiffness, R_WB[:, i])

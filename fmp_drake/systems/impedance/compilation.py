@@ -95,16 +95,14 @@ def _leave_inside(stored: set[Any]) -> None:
         kind: Any = JITCodeLibrary if name in names else _InnerLibrary
         return kind(self, name)
 
-    def get_executable_or_none(self: Any, library: Any, *options: Any) -> Any:
+    def get_stored_executable(self: Any, library: Any, *options: Any) -> Any:
         if not isinstance(library, _InnerLibrary):
             return get_executable(self, library, *options)
         library._ensure_finalized()  # type: ignore[no-untyped-call]
         return [].append  # A different builtin for each function, which nobody calls.
 
-    codegen.create_library, context.get_executable = (
-        create_library,
-        get_executable_or_none,
-    )
+    codegen.create_library = create_library
+    context.get_executable = get_stored_executable
     for name, module in list(sys.modules.items()):
         if name.startswith(f"{__package__}."):
             for function in vars(module).values():

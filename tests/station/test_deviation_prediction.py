@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from fmp_drake.station.reach.force_prediction import (
+from fmp_drake.station.reach.deviation_prediction import (
     FeltContact,
     predict_deviation,
 )
