@@ -29,7 +29,7 @@ from fmp_drake.primitives.model.phase.components import leading_eigenvectors
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.random_processes import Residual
 from fmp_drake.primitives.model.phase.search import search_rhythm
-from fmp_drake.primitives.model.phase.tracking import best_path, phase_path
+from fmp_drake.primitives.model.phase.tracking import best_labels, phase_path
 from fmp_drake.primitives.model.prediction import (
     Extrapolation,
     Prediction,
@@ -101,15 +101,17 @@ def test_leading_eigenvectors_are_those_of_all(size, count):
 def test_the_cheapest_path_is_the_one_that_trying_all_finds():
     rng = np.random.default_rng(0)
     cost, step_cost = rng.random((5, 6)), np.array([0.5, 0.0, 0.7])
-    start, steps = best_path(cost, step_cost)
+    step_costs, never = np.tile(step_cost, (5, 1)), np.full(5, np.inf)
+    labels, states, least = best_labels(cost[None].copy(), step_costs, never, np.inf)
 
     def price(first, by):
         states = (first + np.concatenate([[0], np.cumsum(by)])) % 6
         return cost[np.arange(5), states].sum() + step_cost[list(by)].sum()
 
     every = min(price(first, by) for first in range(6) for by in np.ndindex(3, 3, 3, 3))
-    assert steps[0] == 0
-    assert price(start, steps[1:]) == pytest.approx(every)
+    assert not labels.any()
+    assert price(states[0], np.diff(states) % 6) == pytest.approx(every)
+    assert least == pytest.approx(every)
 
 
 def test_phase_is_tracked_through_a_wavering_tempo():

@@ -6,11 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from fmp_drake.compiled import compiled
 from fmp_drake.numeric import Array, Indices, Mask, runs
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.period import window_sums
-from fmp_drake.primitives.model.phase.tracking import first_cycles
+from fmp_drake.primitives.model.phase.tracking import best_labels, first_cycles
 
 # Phases per sample of a period, bounds of their number, greatest phase velocity relative to
 # the mean, and its standard deviation.
@@ -261,88 +260,3 @@ def _squared_distances(samples: Array, nodes: Array, out: Array) -> None:
     rows = [samples, np.ones((len(samples), 1)), np.vecdot(samples, samples)[:, None]]
     columns = [-2 * nodes, np.vecdot(nodes, nodes)[:, None], np.ones((len(nodes), 1))]
     np.matmul(np.hstack(rows), np.hstack(columns).T, out=out)
-
-
-@compiled
-def best_labels(
-    costs: Array, step_costs: Array, outside: Array, change: float
-) -> tuple[Indices, Indices, float]:
-    """Return the cheapest sequence of labels and states, by dynamic programming.
-
-    Parameters
-    ----------
-    costs : ndarray, shape (K, n, S)
-        Cost of each state on each of K circles at each time; overwritten.
-    step_costs : ndarray, shape (n, J)
-        Cost of an increment by 0 to J - 1 states, to each time.
-    outside : ndarray, shape (n,)
-        Cost of each sample beside all circles.
-    change : float
-        Cost of a change between circles, and to the samples beside them.
-
-    Returns
-    -------
-    labels : ndarray, shape (n,)
-        Circle of each sample; K beside all.
-    states : ndarray, shape (n,)
-    cost : float
-    """
-    circles, n, count = costs.shape
-    reach = step_costs.shape[1] - 1
-    best = costs
-    # Least cost of each label at each time, and its state.
-    least = np.zeros((n, circles + 1))
-    least_state = np.zeros((n, circles + 1), dtype=np.int64)
-    unrolled, lowest = np.empty(reach + count), np.empty(count)
-    for i in range(n):
-        for k in range(circles):
-            if i:
-                entry = np.inf
-                for other in range(circles + 1):
-                    if other != k:
-                        entry = min(entry, least[i - 1, other] + change)
-                for s in range(reach + count):
-                    unrolled[s] = best[k, i - 1, (s - reach) % count]
-                lowest[:] = entry
-                for j in range(reach + 1):
-                    before = unrolled[reach - j : reach - j + count]
-                    for s in range(count):
-                        lowest[s] = min(lowest[s], before[s] + step_costs[i, j])
-                for s in range(count):
-                    best[k, i, s] += lowest[s]
-            state = 0
-            for s in range(count):
-                if best[k, i, s] < best[k, i, state]:
-                    state = s
-            least[i, k], least_state[i, k] = best[k, i, state], state
-        least[i, circles] = outside[i]
-        if i:
-            entry = least[i - 1, circles]
-            for k in range(circles):
-                entry = min(entry, least[i - 1, k] + change)
-            least[i, circles] += entry
-    labels, states = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
-    label = 0
-    for k in range(circles + 1):
-        if least[n - 1, k] < least[n - 1, label]:
-            label = k
-    cost, state = least[n - 1, label], least_state[n - 1, label]
-    for i in range(n - 1, -1, -1):
-        labels[i], states[i] = label, state
-        if i == 0:
-            break
-        # The label and state before, recomputed.
-        lowest_cost, label_before, state_before = np.inf, label, state
-        if label < circles:
-            for j in range(reach + 1):
-                total = best[label, i - 1, (state - j) % count] + step_costs[i, j]
-                if total < lowest_cost:
-                    lowest_cost, state_before = total, (state - j) % count
-        else:
-            lowest_cost = least[i - 1, circles]
-        for other in range(circles + 1):
-            if other != label and least[i - 1, other] + change < lowest_cost:
-                lowest_cost = least[i - 1, other] + change
-                label_before, state_before = other, least_state[i - 1, other]
-        label, state = label_before, state_before
-    return labels, states, cost

@@ -237,59 +237,99 @@ def _grid_path(values: Array, cycle: Cycle, velocity: float) -> Array:
     )
     nominal = velocity * count / (2 * np.pi)
     increments = np.arange(int(_FASTEST * nominal) + 1) / nominal
-    start, path = best_path(cost, ((increments - 1) / _VELOCITY_SPREAD) ** 2 / 2)
-    return np.asarray((start + np.cumsum(path)) * (2 * np.pi / count), dtype=float)
+    step_costs = ((increments - 1) / _VELOCITY_SPREAD) ** 2 / 2
+    # One circle, which no sample leaves.
+    never = np.full(len(cost), np.inf)
+    _, path, _ = best_labels(
+        cost[None], np.tile(step_costs, (len(cost), 1)), never, np.inf
+    )
+    path[1:] = path[0] + np.cumsum(np.diff(path) % count)
+    return np.asarray(path * (2 * np.pi / count), dtype=float)
 
 
 @compiled
-def best_path(cost: Array, step_cost: Array) -> tuple[int, Indices]:
-    """Return the cheapest path through states on a circle, by dynamic programming.
+def best_labels(
+    costs: Array, step_costs: Array, outside: Array, change: float
+) -> tuple[Indices, Indices, float]:
+    """Return the cheapest sequence of labels and states, by dynamic programming.
 
     Parameters
     ----------
-    cost : ndarray, shape (n, S)
-        Cost of each state at each time.
-    step_cost : ndarray, shape (J,)
-        Cost of an increment by 0 to J - 1 states.
+    costs : ndarray, shape (K, n, S)
+        Cost of each state on each of K circles at each time; overwritten.
+    step_costs : ndarray, shape (n, J)
+        Cost of an increment by 0 to J - 1 states, to each time.
+    outside : ndarray, shape (n,)
+        Cost of each sample beside all circles.
+    change : float
+        Cost of a change between circles, and to the samples beside them.
 
     Returns
     -------
-    start : int
-        The first state.
-    increments : ndarray, shape (n,)
-        Increment to the state at each time; 0 for the first.
+    labels : ndarray, shape (n,)
+        Circle of each sample; K beside all.
+    states : ndarray, shape (n,)
+    cost : float
     """
-    n, count = cost.shape
-    reach = len(step_cost) - 1
-    best = cost.copy()
-    # The innermost loop, over the states, has no modulo operation and is vectorised.
-    # The increments are recomputed on the way back.
-    unrolled = np.empty(reach + count)
-    least = np.empty(count)
-    for i in range(1, n):
-        for s in range(reach + count):
-            unrolled[s] = best[i - 1, (s - reach) % count]
-        least[:] = np.inf
-        for j in range(reach + 1):
-            before = unrolled[reach - j : reach - j + count]
+    circles, n, count = costs.shape
+    reach = step_costs.shape[1] - 1
+    best = costs
+    # Least cost of each label at each time, and its state.
+    least = np.zeros((n, circles + 1))
+    least_state = np.zeros((n, circles + 1), dtype=np.int64)
+    unrolled, lowest = np.empty(reach + count), np.empty(count)
+    for i in range(n):
+        for k in range(circles):
+            if i:
+                entry = np.inf
+                for other in range(circles + 1):
+                    if other != k:
+                        entry = min(entry, least[i - 1, other] + change)
+                for s in range(reach + count):
+                    unrolled[s] = best[k, i - 1, (s - reach) % count]
+                lowest[:] = entry
+                for j in range(reach + 1):
+                    before = unrolled[reach - j : reach - j + count]
+                    for s in range(count):
+                        lowest[s] = min(lowest[s], before[s] + step_costs[i, j])
+                for s in range(count):
+                    best[k, i, s] += lowest[s]
+            state = 0
             for s in range(count):
-                total = before[s] + step_cost[j]
-                least[s] = min(least[s], total)
-        for s in range(count):
-            best[i, s] += least[s]
-    out = np.zeros(n, dtype=np.int64)
-    state = 0
-    for s in range(count):
-        if best[n - 1, s] < best[n - 1, state]:
-            state = s
-    for i in range(n - 1, 0, -1):
-        lowest = np.inf
-        for j in range(reach + 1):
-            total = best[i - 1, (state - j) % count] + step_cost[j]
-            if total < lowest:
-                lowest, out[i] = total, j
-        state = (state - out[i]) % count
-    return state, out
+                if best[k, i, s] < best[k, i, state]:
+                    state = s
+            least[i, k], least_state[i, k] = best[k, i, state], state
+        least[i, circles] = outside[i]
+        if i:
+            entry = least[i - 1, circles]
+            for k in range(circles):
+                entry = min(entry, least[i - 1, k] + change)
+            least[i, circles] += entry
+    labels, states = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
+    label = 0
+    for k in range(circles + 1):
+        if least[n - 1, k] < least[n - 1, label]:
+            label = k
+    cost, state = least[n - 1, label], least_state[n - 1, label]
+    for i in range(n - 1, -1, -1):
+        labels[i], states[i] = label, state
+        if i == 0:
+            break
+        # The label and state before, recomputed.
+        lowest_cost, label_before, state_before = np.inf, label, state
+        if label < circles:
+            for j in range(reach + 1):
+                total = best[label, i - 1, (state - j) % count] + step_costs[i, j]
+                if total < lowest_cost:
+                    lowest_cost, state_before = total, (state - j) % count
+        else:
+            lowest_cost = least[i - 1, circles]
+        for other in range(circles + 1):
+            if other != label and least[i - 1, other] + change < lowest_cost:
+                lowest_cost = least[i - 1, other] + change
+                label_before, state_before = other, least_state[i - 1, other]
+        label, state = label_before, state_before
+    return labels, states, cost
 
 
 def _refined(
