@@ -35,7 +35,7 @@ def smooth(count, rng, length=9):
 
 def track_of(values, phase, *, cuts=()):
     """Return the track of a movement, cut into recordings."""
-    cycle = Cycle.fit(phase, values, harmonics=5)
+    cycle = Cycle.fit([phase], [values], harmonics=5)
     recordings, phases = np.split(values, cuts), np.split(phase, cuts)
     shifts = [np.zeros_like(y) for y in recordings]
     return PhaseTrack(recordings=recordings, phases=phases, shifts=shifts, cycle=cycle)

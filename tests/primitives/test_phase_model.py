@@ -150,9 +150,8 @@ def test_a_pause_is_cut_out():
 
 
 def test_phase_of_seen_samples_is_that_of_the_cycle():
-    cycle = Cycle.fit(
-        np.linspace(0, 6.2, 200), curve(np.linspace(0, 6.2, 200)), harmonics=5
-    )
+    around = np.linspace(0, 6.2, 200)
+    cycle = Cycle.fit([around], [curve(around)], harmonics=5)
     phase = 1.0 + 0.13 * np.arange(30)
     found = phase_path(curve(phase), cycle, velocity=0.12)
     np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * phase), atol=0.02)
@@ -214,7 +213,7 @@ def test_two_strokes_that_differ_are_one_cycle(apart, noise):
 
 def test_phase_of_samples_on_the_cycle_is_exact():
     phase = 2 * np.pi * np.arange(100) / 50
-    cycle = Cycle.fit(phase, curve(phase), harmonics=6)
+    cycle = Cycle.fit([phase], [curve(phase)], harmonics=6)
     found = phase_path(cycle.values(phase), cycle, velocity=phase[1])
     np.testing.assert_allclose(found, phase, atol=1e-9)
 
@@ -223,7 +222,7 @@ def test_phase_of_samples_on_the_cycle_is_exact():
 def test_few_cycles_are_played_as_smoothly_as_they_were_shown(cycles):
     phase = 2 * np.pi * np.arange(0, cycles, 1 / 40)
     shown = curve(phase) + 0.02 * (phase / phase[-1])[:, None]
-    found = Cycle.fit_recordings([phase], [shown], harmonics=18)
+    found = Cycle.fit([phase], [shown], harmonics=18, has_soft_ends=True)
     order = np.repeat(np.arange(1, 19), 2)
     fast = found.coefficients[1:][order > 8]
     # With equal weights it is 0.4 to 1.2 mm, as the mean of the passes jumps.
@@ -269,7 +268,7 @@ def test_residual_of_few_cycles_varies_as_much_and_as_smoothly_as_it_was_shown()
 
 def test_two_samples_are_enough_to_find_the_phase():
     shown = 2 * np.pi * np.arange(50) / 50
-    cycle = Cycle.fit(shown, curve(shown), harmonics=6)
+    cycle = Cycle.fit([shown], [curve(shown)], harmonics=6)
     found = phase_path(cycle.values([1.0, 1.2]), cycle, velocity=0.2)
     np.testing.assert_allclose(found, [1.0, 1.2], atol=0.1)
 
@@ -758,7 +757,7 @@ def test_a_drift_is_reported_and_a_large_one_refused():
 def test_a_cycle_that_consists_of_equal_ones_is_recognised():
     phase = np.linspace(0, 2 * np.pi, 400)
     for count in (1, 2, 3):
-        cycle = Cycle.fit(phase, curve(count * phase), harmonics=15)
+        cycle = Cycle.fit([phase], [curve(count * phase)], harmonics=15)
         assert cycle.repetitions(0.01) == count
 
 

@@ -31,7 +31,7 @@ class Cycle:
     >>> import numpy as np
     >>> phase = np.linspace(0, 6, 50)
     >>> circle = np.column_stack([np.cos(phase), np.sin(phase)])
-    >>> Cycle.fit(phase, circle, harmonics=3).values([np.pi / 2]).round(3) + 0.0
+    >>> Cycle.fit([phase], [circle], harmonics=3).values([np.pi / 2]).round(3) + 0.0
     array([[0., 1.]])
     """
 
@@ -40,44 +40,28 @@ class Cycle:
     @classmethod
     def fit(
         cls,
-        phase: Array,
-        values: Array,
+        phases: Sequence[Array],
+        recordings: Sequence[Array],
         *,
         harmonics: int,
-        weights: Array | None = None,
+        has_soft_ends: bool = False,
     ) -> "Cycle":
-        """Fit a cycle to values (n, D) at phases (n,) by ridge regression.
-
-        All samples have the same weight, or `weights` (n,).
-        """
-        rows = _rows(phase, harmonics, 0)
-        order = np.repeat(np.arange(1, harmonics + 1), 2)
-        ridge = _RIDGE * len(phase) * np.concatenate([[0.0], (order / _KNEE) ** 4])
-        weighted = rows.T if weights is None else rows.T * weights
-        gram = weighted @ rows + np.diag(ridge)
-        solution = np.linalg.solve(gram, weighted @ values)
-        return cls(coefficients=np.ascontiguousarray(solution))
-
-    @classmethod
-    def fit_recordings(
-        cls, phases: Sequence[Array], recordings: Sequence[Array], *, harmonics: int
-    ) -> "Cycle":
-        """Fit a cycle to recordings (n, D) at phases (n,).
+        """Fit a cycle to recordings (n, D) at phases (n,) by ridge regression.
 
         With few cycles, some phases are passed once more than others. The mean of the
-        passes would jump where their number changes, at the ends of a recording. There
-        the weight of samples rises from 0 and falls to 0, within half a cycle.
+        passes would jump where their number changes, at the ends of a recording. With
+        soft ends, the weight of samples rises from 0 there and falls to 0, within half a
+        cycle.
         """
-        cycles = sum(float(p[-1] - p[0]) for p in phases) / (2 * np.pi)
-        weights = None
-        if cycles < FEW_CYCLES:
-            weights = np.concatenate([_end_weights(phase) for phase in phases])
-        return cls.fit(
-            np.concatenate(phases),
-            np.concatenate(recordings),
-            harmonics=harmonics,
-            weights=weights,
-        )
+        rows = _rows(np.concatenate(phases), harmonics, 0)
+        order = np.repeat(np.arange(1, harmonics + 1), 2)
+        ridge = _RIDGE * len(rows) * np.concatenate([[0.0], (order / _KNEE) ** 4])
+        weighted = rows.T
+        if has_soft_ends and count_cycles(phases) < FEW_CYCLES:
+            weighted = rows.T * np.concatenate([_end_weights(p) for p in phases])
+        gram = weighted @ rows + np.diag(ridge)
+        solution = np.linalg.solve(gram, weighted @ np.concatenate(recordings))
+        return cls(coefficients=np.ascontiguousarray(solution))
 
     @property
     def harmonics(self) -> int:
@@ -117,7 +101,7 @@ class CycleHistory:
     >>> import numpy as np
     >>> phase = np.arange(0, 12.5, 0.1)
     >>> circle = np.column_stack([np.cos(phase), np.sin(phase)])
-    >>> cycle = Cycle.fit(phase, circle, harmonics=2)
+    >>> cycle = Cycle.fit([phase], [circle], harmonics=2)
     >>> history = CycleHistory.of(cycle, [phase], [1.5 * circle])
     >>> history.lengths.round(1), history.amplitudes.round(2)
     (array([62.8]), array([1.5]))
@@ -164,6 +148,11 @@ class CycleHistory:
         count = np.arange(len(self.shifts)) - (len(self.shifts) - 1) / 2
         spread = max(float(count @ count), 1.0)
         return count @ self.shifts / spread * (len(count) - 1)
+
+
+def count_cycles(phases: Sequence[Array]) -> float:
+    """Return the number of cycles in recordings with unwrapped phases (n,)."""
+    return sum(float(p[-1] - p[0]) for p in phases) / (2 * np.pi)
 
 
 def _end_weights(phase: Array) -> Array:

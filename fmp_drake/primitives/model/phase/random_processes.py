@@ -9,7 +9,7 @@ from scipy.linalg import solve_discrete_lyapunov, solve_toeplitz
 
 from fmp_drake.compiled import compiled
 from fmp_drake.numeric import Array, Indices
-from fmp_drake.primitives.model.phase.cycle import FEW_CYCLES
+from fmp_drake.primitives.model.phase.cycle import FEW_CYCLES, count_cycles
 
 # Autoregression: relative ridge, and greatest radius of its eigenvalues.
 _RIDGE = 1e-6
@@ -330,7 +330,7 @@ class Residual:
         kernel /= kernel.sum(axis=1, keepdims=True)
         local = np.einsum("gn,na,nb->gab", kernel, r, r, optimize=True)
         overall = r.T @ r / len(r)
-        cycles = sum(float(p[-1] - p[0]) for p in phases) / (2 * np.pi)
+        cycles = count_cycles(phases)
         local = (cycles * local + _PRIOR_CYCLES * overall) / (cycles + _PRIOR_CYCLES)
         local += 1e-12 * np.eye(r.shape[1])
         variances, vectors = np.linalg.eigh(local)

@@ -504,7 +504,8 @@ def _attempt(
         phases, bouts = _cut(segmentation.phases, masks), _cut(recordings, masks)
         if 0 < sum(map(len, bouts)) < sum(map(len, recordings)):
             # Without other parts, the phase begins where one of the cycles does.
-            cycle = _initial_cycle(phases, bouts, period)
+            harmonics = max(1, min(_HARMONICS, int(period / 2 - 2)))
+            cycle = Cycle.fit(phases, bouts, harmonics=harmonics)
     if max(map(len, bouts), default=0) < period + 1:
         if not is_known:
             return None
@@ -547,14 +548,6 @@ def _add_similar_cycles(
         cycle=attempt.track.cycle,
     )
     return attempt._replace(track=track)
-
-
-def _initial_cycle(
-    phases: Sequence[Array], bouts: Sequence[Array], period: float
-) -> Cycle:
-    """Return the cycle of bouts (n, D) at phases (n,), of few harmonics."""
-    harmonics = max(1, min(_HARMONICS, int(period / 2 - 2)))
-    return Cycle.fit(np.concatenate(phases), np.concatenate(bouts), harmonics=harmonics)
 
 
 def _objection(attempt: _Attempt, limits: _Limits) -> str:

@@ -136,7 +136,7 @@ class _Segmenter(NamedTuple):
         points, rates = np.split(np.concatenate(states), 2, axis=1)
         angles = np.concatenate([p[m] for p, m in zip(phases, masks, strict=True)])
         harmonics = max(1, min(_HARMONICS, int(period / 2 - 2)))
-        cycle = Cycle.fit(angles, points, harmonics=harmonics)
+        cycle = Cycle.fit([angles], [points], harmonics=harmonics)
         nodes = _cycle_states(cycle, angles, step * velocity)
         errors = [
             np.sqrt(np.mean(np.sum((x - n) ** 2, axis=1)) / n.var(axis=0).sum())

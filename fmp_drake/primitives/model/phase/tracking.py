@@ -10,7 +10,12 @@ from scipy.ndimage import gaussian_filter1d
 
 from fmp_drake.compiled import compiled
 from fmp_drake.numeric import Array, Indices
-from fmp_drake.primitives.model.phase.cycle import FEW_CYCLES, Cycle, CycleHistory
+from fmp_drake.primitives.model.phase.cycle import (
+    FEW_CYCLES,
+    Cycle,
+    CycleHistory,
+    count_cycles,
+)
 
 Recordings = Sequence[Array]
 
@@ -70,7 +75,7 @@ class PhaseTrack:
     @property
     def cycles(self) -> float:
         """The number of cycles."""
-        return sum(float(p[-1] - p[0]) for p in self.phases) / (2 * np.pi)
+        return count_cycles(self.phases)
 
     @cached_property
     def history(self) -> CycleHistory:
@@ -96,23 +101,25 @@ class PhaseTrack:
     def with_channels(self, recordings: Recordings) -> "PhaseTrack":
         """Return the track of the same samples with other channels, (n, D)."""
         harmonics = self.cycle.harmonics
-        phases, values = np.concatenate(self.phases), np.concatenate(recordings)
-        cycle = Cycle.fit(phases, values, harmonics=harmonics)
+        cycle = Cycle.fit(self.phases, recordings, harmonics=harmonics)
         shifts = [
             gaussian_filter1d(y - cycle.values(p), np.pi / self.velocity, axis=0)
             for y, p in zip(recordings, self.phases, strict=True)
         ]
-        values = values - np.concatenate(shifts)
-        cycle = Cycle.fit(phases, values, harmonics=harmonics)
+        centred = [y - b for y, b in zip(recordings, shifts, strict=True)]
+        cycle = Cycle.fit(self.phases, centred, harmonics=harmonics)
         return PhaseTrack(
             recordings=list(recordings), phases=self.phases, shifts=shifts, cycle=cycle
         )
 
     def with_smooth_cycle(self) -> "PhaseTrack":
-        """Return the track with the cycle of `Cycle.fit_recordings`, to be played."""
+        """Return the track with a cycle of soft ends, to be played."""
         centred = [y - b for y, b in zip(self.recordings, self.shifts, strict=True)]
-        cycle = Cycle.fit_recordings(
-            self.phases, centred, harmonics=self.cycle.harmonics
+        cycle = Cycle.fit(
+            self.phases,
+            centred,
+            harmonics=self.cycle.harmonics,
+            has_soft_ends=True,
         )
         return replace(self, cycle=cycle)
 
@@ -154,9 +161,7 @@ def track_phase(
             for y, p in zip(recordings, phases, strict=True)
         ]
         centred = [y - b for y, b in zip(recordings, shifts, strict=True)]
-        cycle = Cycle.fit(
-            np.concatenate(phases), np.concatenate(centred), harmonics=harmonics
-        )
+        cycle = Cycle.fit(phases, centred, harmonics=harmonics)
     return PhaseTrack(
         recordings=list(recordings), phases=phases, shifts=shifts, cycle=cycle
     )
@@ -190,7 +195,7 @@ def first_cycles(recordings: Recordings, period: float, *, most: int) -> list[Cy
         best = int(np.argmin(typical_distance))
         typical_distance[np.abs(starts - starts[best]) < size] = np.inf
         values: Array = candidates[best].reshape(-1, size).T
-        cycles.append(Cycle.fit(phase, values, harmonics=harmonics))
+        cycles.append(Cycle.fit([phase], [values], harmonics=harmonics))
     return cycles
 
 
