@@ -295,8 +295,7 @@ class Demonstration:
         ):
             writer = csv.writer(stream)
             writer.writerow(["time [s]", *(f"{n} [{u}]" for n, u in names)])
-            for t, row in zip(self.time, self.values, strict=True):
-                writer.writerow([repr(float(t)), *(repr(float(v)) for v in row)])
+            writer.writerows(np.column_stack([self.time, self.values]).tolist())
 
     @classmethod
     def load(

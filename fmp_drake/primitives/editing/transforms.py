@@ -16,6 +16,7 @@ from fmp_drake.primitives.data.channels import (
     ROTATION_CHANNELS,
     channel_indices,
 )
+from fmp_drake.primitives.data.orientation import unit_quaternion
 from fmp_drake.primitives.model.movement_primitive import (
     FourierMovementPrimitive,
     copy_skill,
@@ -141,9 +142,7 @@ def transform_space(
             out, index=indices, rotation=matrix, scale=1.0, translation=np.zeros(3)
         )
         quaternion = Rotation.from_matrix(matrix) * Rotation.from_quat(reference)
-        changes["rotation_reference_"] = tuple(
-            float(q) for q in quaternion.as_quat(canonical=True)
-        )
+        changes["rotation_reference_"] = unit_quaternion(quaternion)
     if frame is not None:
         changes["frame_"] = frame
     return copy_skill(out, **changes)

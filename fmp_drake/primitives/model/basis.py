@@ -51,6 +51,7 @@ class FourierBasis:
     def __init__(self, n_steps: int) -> None:
         check_number(n_steps, "n_steps", least=8, whole=True)
         self.n_steps = int(n_steps)
+        self._polynomials: dict[int, Array] = {}
 
     def analyze(self, samples: ArrayLike) -> Array:
         """Return the weights (..., D*T) of windows of samples (..., T, D)."""
@@ -193,8 +194,7 @@ class FourierBasis:
         They are the coefficients of the powers 0 to 5 of the time in samples since the
         sample `interval`, an integer from 0 to n_steps - 2.
         """
-        cache = self._polynomials
-        if interval not in cache:
+        if interval not in self._polynomials:
             factorial = 1.0
             taylor = np.empty((_SPLINE_DEGREE + 1, self.n_steps))
             # The fifth derivative jumps at knots: take it inside the interval.
@@ -202,12 +202,8 @@ class FourierBasis:
                 factorial *= max(order, 1)
                 step = interval + (0.5 if order == _SPLINE_DEGREE else 0.0)
                 taylor[order] = self._spline(step, nu=order) / factorial
-            cache[interval] = taylor
-        return cache[interval]
-
-    @cached_property
-    def _polynomials(self) -> dict[int, Array]:
-        return {}
+            self._polynomials[interval] = taylor
+        return self._polynomials[interval]
 
     def to_paper(self, weights: ArrayLike) -> Array:
         """Return the 2T weights (6) of each channel that the paper uses, from these.

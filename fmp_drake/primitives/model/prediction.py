@@ -1,4 +1,4 @@
-"""Prediction of later samples by a mixture of Gaussians over samples."""
+"""Prediction of later samples and of other channels, by Gaussians and by similar windows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,19 +8,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import gammaln, softmax
 
-from fmp_drake.numeric import Array, finite_array
+from fmp_drake.numeric import Array, Mask, finite_array
+from fmp_drake.primitives.data.windows import sliding_windows
 
 # Weight of the distance of two pasts relative to the weight of their difference in
 # shape.
 _DISTANCE_WEIGHT = 0.2
-# Width of the kernel over similar pasts relative to the variance of the recordings, greatest
-# number of pasts that count, and the samples in which an offset to the present, and one of the
-# velocity, decay.
-_KERNEL_WIDTH, _MOST_PASTS, _DECAY, _VELOCITY_DECAY = 0.002, 60, 20.0, 4.0
+# Width of the kernel over similar pasts or windows relative to the variance of the recordings,
+# and greatest number of them that count.
+_KERNEL_WIDTH, _MOST_SIMILAR = 0.002, 60
+# Samples in which an offset to the present, and one of the velocity, decay.
+_DECAY, _VELOCITY_DECAY = 20.0, 4.0
 # Number of last velocities that an extrapolation uses.
 _VELOCITIES = 5
 # Relative ridge of its regression, and its least variance in squared scaled units.
 _RIDGE, _LEAST_VARIANCE = 1e-6, 1e-10
+# Windows that are inferred from other ones, to estimate the errors, and the number of parts
+# of the recordings: a window is inferred from those of other parts.
+_TRIALS, _PARTS = 300, 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,11 +124,10 @@ class Replay:
         d = recordings[0].shape[1]
         # The end of a recording is a past, too: of the samples that it has.
         gap = np.full((horizon, d), np.nan)
-        view = np.lib.stride_tricks.sliding_window_view
         self._values = np.concatenate(
             [np.empty((0, d)), *(x for y in usable for x in (y, gap))]
         )
-        pasts = [np.swapaxes(view(y[:-1], seen, axis=0), 1, 2) for y in usable]
+        pasts = [sliding_windows(y[:-1], n_steps=seen, stride=1) for y in usable]
         self._pasts = np.concatenate([np.empty((0, seen, d)), *pasts])
         self._shapes = self._pasts - self._pasts.mean(axis=1, keepdims=True)
         starts = np.cumsum([0, *(len(y) + horizon for y in usable)])[:-1]
@@ -147,7 +151,7 @@ class Replay:
         shape = past - past.mean(axis=0)
         distance = _squared(self._shapes - shape)
         distance += _DISTANCE_WEIGHT * _squared(self._pasts - past)
-        count = min(_MOST_PASTS, len(distance))
+        count = min(_MOST_SIMILAR, len(distance))
         nearest = np.sort(np.argpartition(distance, count - 1)[:count])
         nearest = nearest[np.argsort(distance[nearest], kind="stable")]
         least = float(distance[nearest[0]])
@@ -339,3 +343,76 @@ class Conditioning:
         spread = spread * self._spread[:, None]
         covariances = np.tensordot(probabilities, self._covariances, axes=1)
         return mean, covariances + np.einsum("mha,mhb->hab", spread, spread)
+
+
+class SimilarWindows:
+    """Inference of channels by recorded windows whose observed channels are similar.
+
+    Parameters
+    ----------
+    recordings : sequence of ndarray, shape (n, D)
+        At least `span` samples each.
+    observed, inferred : sequence of int
+        C and I channels.
+    span : int
+        Samples in a window.
+
+    Attributes
+    ----------
+    error_variances : ndarray, shape (I,)
+        Mean squared errors of windows that are inferred from other parts of the
+        recordings.
+
+    Examples
+    --------
+    >>> t = np.arange(200) * np.pi / 10
+    >>> circles = np.stack([np.cos(t), np.sin(t)], axis=1)
+    >>> similar = SimilarWindows([circles], [0], [1], span=10)
+    >>> inferred, spread = similar.predict(circles[5:15, :1])
+    >>> bool(np.allclose(inferred, circles[5:15, 1:], atol=0.1))
+    True
+    >>> bool(similar.error_variances < 0.01)
+    True
+    """
+
+    def __init__(
+        self,
+        recordings: Sequence[Array],
+        observed: Sequence[int],
+        inferred: Sequence[int],
+        span: int,
+    ) -> None:
+        windows = np.concatenate(
+            [sliding_windows(y, n_steps=span, stride=1) for y in recordings]
+        )
+        self._observed, self._inferred = windows[..., observed], windows[..., inferred]
+        variance = float(self._observed.var(axis=(0, 1)).sum())
+        self._width = _KERNEL_WIDTH * max(variance, 1e-300) * span
+        counts = [len(y) - span + 1 for y in recordings]
+        recording = np.repeat(np.arange(len(counts)), counts)
+        place = np.concatenate([np.arange(count) for count in counts])
+        distance = max(span, sum(counts) // _PARTS)
+        squares = []
+        for i in np.unique(np.linspace(0, len(windows) - 1, _TRIALS).astype(int)):
+            is_other = (recording != recording[i]) | (abs(place - place[i]) >= distance)
+            mean = self._inferred.mean(axis=(0, 1))
+            if is_other.any():
+                mean = self._predict(self._observed[i], is_other)[0]
+            squares.append(np.mean((self._inferred[i] - mean) ** 2, axis=0))
+        # Few parts underestimate the errors: to first order by two over their number.
+        self.error_variances = np.mean(squares, axis=0) * (1 + 2 / _PARTS)
+
+    def predict(self, values: Array) -> tuple[Array, Array]:
+        """Return mean (span, I) and covariances (span, I, I) given values (span, C)."""
+        mean, covariances = self._predict(values, np.ones(len(self._observed), bool))
+        return mean, covariances + np.diag(self.error_variances)
+
+    def _predict(self, values: Array, is_used: Mask) -> tuple[Array, Array]:
+        """Return mean and spread of the used windows that are similar."""
+        distance = np.sum((self._observed[is_used] - values) ** 2, axis=(1, 2))
+        nearest = np.argsort(distance, kind="stable")[:_MOST_SIMILAR]
+        weights = softmax(-distance[nearest] / (distance[nearest[0]] + self._width))
+        windows = self._inferred[is_used][nearest]
+        mean = np.tensordot(weights, windows, axes=1)
+        deviations = windows - mean
+        return mean, np.einsum("n,nha,nhb->hab", weights, deviations, deviations)

@@ -2,7 +2,7 @@
 
 import reprlib
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -33,8 +33,8 @@ from fmp_drake.primitives.model.prediction import (
     Extrapolation,
     Prediction,
     Replay,
+    SimilarWindows,
 )
-from fmp_drake.primitives.model.similar_windows import SimilarWindows
 
 
 class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
@@ -536,22 +536,16 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
     @property
     def basis(self) -> FourierBasis:
         """The Fourier basis of a window."""
-        if self._basis.n_steps != self.n_steps:
-            self.__dict__.pop("_basis")
-        return self._basis
-
-    @cached_property
-    def _basis(self) -> FourierBasis:
-        return FourierBasis(self.n_steps)
+        return _basis(self.n_steps)
 
     @cached_property
     def _cache(self) -> LruCache[Any]:
         return LruCache(4)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave caches out of copies."""
+        """Leave the cache out of copies."""
         state = super().__getstate__()
-        return {k: v for k, v in state.items() if k not in ("_basis", "_cache")}
+        return {name: value for name, value in state.items() if name != "_cache"}
 
     @property
     def window_stride(self) -> int:
@@ -660,6 +654,12 @@ class PredictionPlan:
             covariances=covariances * squares,
             degrees_of_freedom=calibration.degrees_of_freedom,
         )
+
+
+@lru_cache(maxsize=4)
+def _basis(n_steps: int) -> FourierBasis:
+    """Return the basis that all skills with windows of this length share."""
+    return FourierBasis(n_steps)
 
 
 def check_skill(skill: Any, call: str) -> None:

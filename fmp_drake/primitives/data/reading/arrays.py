@@ -40,6 +40,7 @@ FORMAT = FileFormat(
 METADATA = ("channels", "units", "frame", "note", "rotation_reference")
 """Fields of a demonstration in the metadata of a saved file."""
 _RATES = ("fps", "rate", "sample_rate", "frequency", "control_freq", "dt")
+_JSON_LINE = '{"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}'
 # The feature of a dataset that is read unless another is named.
 _STATE = "observation.state"
 # Datasets that are read unless others are named: robomimic's pose, ALOHA's joints.
@@ -83,11 +84,10 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     values = values.reshape(len(time), -1)
     omissions = sorted(set(arrays) - {"time", name})
     counts = len(time) > 1 and np.all(np.diff(time) == 1)
-    unnamed = ("",) * values.shape[1]
     return [
         Table(
-            names=("time", *unnamed),
-            units=("s" if counts else "", *unnamed),
+            names=("time", *[""] * values.shape[1]),
+            units=("s",) if counts else (),
             values=np.column_stack([time, values]),
             remarks=(f"{', '.join(omissions)} left out",) if omissions else (),
         )
@@ -173,13 +173,12 @@ def table_of(
     if rate is not None:
         names.insert(0, "time")
         parts.insert(0, np.arange(count)[:, None] / rate)
-    units = ("s", *[""] * (len(names) - 1)) if rate is not None else ()
     if omissions:
         remarks.append(f"{', '.join(omissions)} left out")
     return Table(
         names=tuple(names),
         values=np.column_stack(parts),
-        units=units,
+        units=() if rate is None else ("s",),
         remarks=tuple(remarks),
     )
 
@@ -279,7 +278,7 @@ def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
     return [
         Table(
             names=names,
-            units=("s", *("" for _ in columns)),
+            units=("s",),
             values=np.column_stack([time, values[:, columns]])[episode == number],
             remarks=(f"episode {number:.0f}: {remark}",),
         )
@@ -312,7 +311,7 @@ def read_json(path: Path, _options: ReadingOptions) -> list[Table]:
             raise
         raise SkillFileError(
             f"{path} is not readable JSON ({reason}); write an object of numbers in each "
-            'line, such as {"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}.'
+            f"line, such as {_JSON_LINE}."
         ) from None
 
 
@@ -328,7 +327,7 @@ def _json_columns(path: Path, lines: list[str]) -> dict[str, NDArray[Any]]:
             except ValueError as reason:
                 raise SkillFileError(
                     f"{path}: line {number} is not JSON ({reason}); expected an object "
-                    'in each line, such as {"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}.'
+                    f"in each line, such as {_JSON_LINE}."
                 ) from None
     if isinstance(content, dict):
         lists = [value for value in content.values() if _is_objects(value)]
@@ -348,7 +347,7 @@ def _json_columns(path: Path, lines: list[str]) -> dict[str, NDArray[Any]]:
     else:
         raise SkillFileError(
             f"{path} holds neither objects nor lists of numbers; write an object in each "
-            'line, such as {"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}.'
+            f"line, such as {_JSON_LINE}."
         )
     return columns
 

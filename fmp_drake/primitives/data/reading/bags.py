@@ -112,7 +112,7 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
     return [
         Table(
             names=("time", *names),
-            units=("s", *("" for _ in names)),
+            units=("s",),
             values=values,
             frame=frame,
             remarks=(remark,),

@@ -50,7 +50,7 @@ class Table:
     values : ndarray, shape (N, C)
         NaN in empty cells.
     units : tuple of str
-        Units of the columns; "" where unknown. All unknown where not given.
+        Units of the columns; "" where unknown. Those of the last columns may be missing.
     remarks : tuple of str
         Remarks on recognised and omitted parts.
     frame : str
@@ -75,8 +75,9 @@ class Table:
     saved: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        """Set the units to unknown where not given."""
-        object.__setattr__(self, "units", self.units or ("",) * len(self.names))
+        """Set the missing units to unknown."""
+        missing = ("",) * (len(self.names) - len(self.units))
+        object.__setattr__(self, "units", self.units + missing)
 
 
 def check_size(path: object, size: float, most: float = MOST_BYTES) -> None:

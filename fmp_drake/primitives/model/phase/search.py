@@ -266,9 +266,9 @@ def _search_or_join(
     recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
 ) -> tuple[TrackedRhythm, Iterable[Part]]:
     """Find the rhythm of separate or joined recordings; return it and its parts."""
+    loops = None
     try:
         tracked = _search(recordings, columns, rate, period)
-        return tracked, (*tracked.rhythm.bouts, *tracked.rhythm.left_out)
     except DemonstrationError as error:
         if (loops := join_loops(recordings, columns)) is None:
             raise
@@ -277,7 +277,7 @@ def _search_or_join(
         except DemonstrationError:
             raise error from None
     parts = (*tracked.rhythm.bouts, *tracked.rhythm.left_out)
-    return tracked, loops.parts(parts, rate)
+    return tracked, loops.parts(parts, rate) if loops else parts
 
 
 def _search(

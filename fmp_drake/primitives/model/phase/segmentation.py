@@ -9,12 +9,15 @@ from scipy.ndimage import uniform_filter1d
 from fmp_drake.numeric import Array, Indices, Mask, runs
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.period import window_sums
-from fmp_drake.primitives.model.phase.tracking import best_labels, first_cycles
+from fmp_drake.primitives.model.phase.tracking import (
+    FASTEST,
+    best_labels,
+    first_cycles,
+    phase_states,
+)
 
-# Phases per sample of a period, bounds of their number, greatest phase velocity relative to
-# the mean, and its standard deviation.
-_STATES_PER_SAMPLE, _STATES = 4, (80, 400)
-_FASTEST, _VELOCITY_SPREAD = 2.2, 0.2
+# Standard deviation of the phase velocity, relative to the mean.
+_VELOCITY_SPREAD = 0.2
 # Bounds of the moving phase velocity, relative to the mean.
 _TEMPOS = (0.5, 2.0)
 # Period relative to half the interval of a difference quotient.
@@ -150,9 +153,9 @@ class _Segmenter(NamedTuple):
         The reversed cycle is a second cycle, on which the phase increases, too.
         """
         step, velocity = _step(self.period), 2 * np.pi / self.period
-        count = int(np.clip(_STATES_PER_SAMPLE * self.period, *_STATES))
-        grid = 2 * np.pi * np.arange(count) / count
-        increments = np.arange(int(_FASTEST * count / self.period) + 1)
+        grid = phase_states(self.period)
+        count = len(grid)
+        increments = np.arange(int(FASTEST * count / self.period) + 1)
         nodes = np.hstack(_cycle_states(self.cycle, grid, step * velocity))
         d = nodes.shape[1] // 2
         variances = nodes.var(axis=0).reshape(2, d).sum(axis=1)

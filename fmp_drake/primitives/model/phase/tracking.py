@@ -23,7 +23,7 @@ Recordings = Sequence[Array]
 # relative to the nominal one.
 _STATES_PER_SAMPLE = 4
 _STATES = (80, 400)
-_FASTEST = 2.2
+FASTEST = 2.2
 # Standard deviation of the phase velocity, relative to the nominal one, and of the values
 # beside the cycle, relative to their own standard deviation.
 _VELOCITY_SPREAD = 0.45
@@ -225,9 +225,15 @@ def phase_path(
     return _refined(path, values, cycle, change * velocity)
 
 
+def phase_states(period: float) -> Array:
+    """Return the phases that dynamic programming compares, rad, for a period in samples."""
+    count = int(np.clip(_STATES_PER_SAMPLE * period, *_STATES))
+    return 2 * np.pi * np.arange(count) / count
+
+
 def _grid_path(values: Array, cycle: Cycle, velocity: float) -> Array:
-    count = int(np.clip(_STATES_PER_SAMPLE * 2 * np.pi / velocity, *_STATES))
-    grid = 2 * np.pi * np.arange(count) / count
+    grid = phase_states(2 * np.pi / velocity)
+    count = len(grid)
     states, rates = cycle.values(grid), velocity * cycle.values(grid, 1)
     # Squared distances of values and velocities, each relative to the variance of the
     # states. Terms that are equal for all states do not matter.
@@ -241,7 +247,7 @@ def _grid_path(values: Array, cycle: Cycle, velocity: float) -> Array:
         [-2 * nodes.T, np.sum(nodes**2, axis=1)]
     )
     nominal = velocity * count / (2 * np.pi)
-    increments = np.arange(int(_FASTEST * nominal) + 1) / nominal
+    increments = np.arange(int(FASTEST * nominal) + 1) / nominal
     step_costs = ((increments - 1) / _VELOCITY_SPREAD) ** 2 / 2
     # One circle, which no sample leaves.
     never = np.full(len(cost), np.inf)
