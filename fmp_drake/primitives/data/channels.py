@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fmp_drake.errors import SkillError
+from fmp_drake.errors import FmpError, SkillError
 from fmp_drake.numeric import GREATEST, Array, finite_array, is_whole
 
 POSITION_CHANNELS = ("x", "y", "z")
@@ -32,7 +32,10 @@ def default_channels(count: int) -> tuple[str, ...]:
 
 
 def channel_indices(
-    channels: Sequence[str | int] | None, names: Sequence[str]
+    channels: Sequence[str | int] | None,
+    names: Sequence[str],
+    *,
+    error: type[FmpError] = SkillError,
 ) -> list[int]:
     """Return the indices of channels given by name or index; all where None."""
     if channels is None:
@@ -40,7 +43,7 @@ def channel_indices(
     if isinstance(channels, str):
         channels = [channels]
     if not isinstance(channels, Sequence | np.ndarray):
-        raise SkillError(f"channels is {channels!r}; give a list of names or indices.")
+        raise error(f"channels is {channels!r}; give a list of names or indices.")
     out: list[int] = []
     for channel in channels:
         if isinstance(channel, str) and channel in names:
@@ -48,12 +51,12 @@ def channel_indices(
         elif is_whole(channel) and 0 <= int(channel) < len(names):
             out.append(int(channel))
         else:
-            raise SkillError(
+            raise error(
                 f"there is no channel {channel!r}; the channels are "
                 f"{', '.join(names)} (0 to {len(names) - 1})."
             )
     if not out or len(set(out)) != len(out):
-        raise SkillError(f"the channels {channels} are empty or repeat.")
+        raise error(f"the channels {channels} are empty or repeat.")
     return out
 
 

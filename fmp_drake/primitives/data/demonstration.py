@@ -18,6 +18,7 @@ from fmp_drake.primitives.data.channels import (
     QUATERNION_CHANNELS,
     ROTATION_CHANNELS,
     Quaternion,
+    channel_indices,
     default_channels,
 )
 from fmp_drake.primitives.data.files import replaced
@@ -201,8 +202,7 @@ class Demonstration:
                 f"the demonstration lasts {self.duration:.3g} s; at {rate:g} Hz that "
                 "is fewer than 2 samples."
             )
-        values: Array = self.values
-        time: Array = self.time
+        time, values = self.time, self.values
         if recorded_rate > 2 * rate:
             uniform = np.arange(time[0], time[-1], 1 / recorded_rate)
             values = CubicSpline(time, values)(uniform)
@@ -246,24 +246,18 @@ class Demonstration:
         rows = np.asarray(index)
         return replace(self, time=self.time[rows], values=self.values[rows])
 
-    def select(self, channels: ArrayLike) -> "Demonstration":
-        """Return the demonstration with only the named channels, in that order.
+    def select(self, channels: Sequence[str | int]) -> "Demonstration":
+        """Return the demonstration with only some channels, by name, in their order.
 
         The rotation reference is dropped unless all three rotation channels are named.
         """
-        names = [str(name) for name in np.asarray(channels).ravel()]
-        missing = [name for name in names if name not in self.channels]
-        if missing:
-            raise DemonstrationError(
-                f"there is no channel {missing[0]!r}; the channels are "
-                f"{', '.join(self.channels)}."
-            )
-        index = [self.channels.index(name) for name in names]
+        index = channel_indices(channels, self.channels, error=DemonstrationError)
+        names = tuple(self.channels[i] for i in index)
         has_rotation = set(ROTATION_CHANNELS) <= set(names)
         return replace(
             self,
             values=self.values[:, index],
-            channels=tuple(names),
+            channels=names,
             units=tuple(self.units[i] for i in index),
             rotation_reference=self.rotation_reference if has_rotation else None,
         )

@@ -9,28 +9,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fmp_drake.errors import FmpError, SkillFileError
-from fmp_drake.primitives.data.reading.arrays import (
-    read_excel,
-    read_hdf5,
-    read_json,
-    read_lerobot,
-    read_matlab,
-    read_npy,
-    read_npz_file,
-    read_parquet,
-)
-from fmp_drake.primitives.data.reading.bags import read_bag
+from fmp_drake.primitives.data.reading import arrays, bags, text
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
     ReadingOptions,
     Table,
     check_size,
-)
-from fmp_drake.primitives.data.reading.text import (
-    is_vicon,
-    read_optitrack,
-    read_text,
-    read_vicon,
 )
 
 # A reader returns one table for each recording in a file.
@@ -60,9 +44,9 @@ def read_tables(path: Path, options: ReadingOptions) -> list[Table]:
 
 def _reader_of_folder(path: Path) -> _Reader:
     if (path / "meta" / "info.json").is_file():
-        return read_lerobot
+        return arrays.read_lerobot
     if (path / "metadata.yaml").is_file():
-        return read_bag
+        return bags.read_bag
     raise SkillFileError(
         f"{path} is a folder, but neither a ROS 2 bag (metadata.yaml) nor a LeRobot "
         "dataset (meta/info.json). "
@@ -89,8 +73,8 @@ def _reader_of_file(path: Path, first: bytes) -> _Reader:
         return _ENDINGS[path.suffix.lower()]
     start = b"".join(first.split())[:2]
     if start == b"[[" or (start[:1] in (b"{", b"[") and b'"' in first):
-        return read_json
-    return read_vicon if is_vicon(first) else read_text
+        return arrays.read_json
+    return text.read_vicon if text.is_vicon(first) else text.read_text
 
 
 def _reader_of_archive(path: Path) -> _Reader:
@@ -99,11 +83,13 @@ def _reader_of_archive(path: Path) -> _Reader:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
     except (OSError, zipfile.BadZipFile):  # The reader names the damage.
-        readers = {".xlsx": read_excel, ".zip": _read_packed}
-        return readers.get(path.suffix.lower(), read_npz_file)
+        readers = {".xlsx": arrays.read_excel, ".zip": _read_packed}
+        return readers.get(path.suffix.lower(), arrays.read_npz_file)
     if "[Content_Types].xml" in names:
-        return read_excel
-    return read_npz_file if all(n.endswith(".npy") for n in names) else _read_packed
+        return arrays.read_excel
+    return (
+        arrays.read_npz_file if all(n.endswith(".npy") for n in names) else _read_packed
+    )
 
 
 def _read_packed(path: Path, options: ReadingOptions) -> list[Table]:
@@ -144,15 +130,15 @@ def _unpacked(path: Path) -> tuple[str, bytes]:
 
 
 _FIRST_BYTES: dict[bytes, _Reader] = {
-    b"\x93NUMPY": read_npy,
-    b"PAR1": read_parquet,
-    b"#ROSBAG V2.0": read_bag,
-    b"\x89MCAP0": read_bag,
-    b"SQLite format 3": read_bag,
-    b"\x89HDF": read_hdf5,
-    b"MATLAB 5": read_matlab,
+    b"\x93NUMPY": arrays.read_npy,
+    b"PAR1": arrays.read_parquet,
+    b"#ROSBAG V2.0": bags.read_bag,
+    b"\x89MCAP0": bags.read_bag,
+    b"SQLite format 3": bags.read_bag,
+    b"\x89HDF": arrays.read_hdf5,
+    b"MATLAB 5": arrays.read_matlab,
     b"\x1f\x8b": _read_packed,
-    b"Format Version,": read_optitrack,
+    b"Format Version,": text.read_optitrack,
 }
 _ALTERNATIVES = (
     "; a demonstration is a table (.csv, .tsv, .txt, .xlsx; OptiTrack, Vicon), .npz, .npy, "
@@ -171,10 +157,10 @@ _REFUSED = {
 }
 # Readers of broken files, which name the damage.
 _ENDINGS: dict[str, _Reader] = {
-    ".npz": read_npz_file,
-    ".npy": read_npy,
-    ".parquet": read_parquet,
-    ".bag": read_bag,
-    ".mcap": read_bag,
-    ".db3": read_bag,
+    ".npz": arrays.read_npz_file,
+    ".npy": arrays.read_npy,
+    ".parquet": arrays.read_parquet,
+    ".bag": bags.read_bag,
+    ".mcap": bags.read_bag,
+    ".db3": bags.read_bag,
 }

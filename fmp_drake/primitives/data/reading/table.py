@@ -112,7 +112,7 @@ def readable(
         raise
     except Exception as reason:  # noqa: BLE001 - broken bytes raise anything.
         if extra and isinstance(reason, ImportError):
-            message = f"{kind}; install what reads it: pip install 'fmp-drake[{extra}]'"
+            message = f"{kind}; install its reader: pip install 'fmp-drake[{extra}]'"
         else:
             message = f"not a readable {kind.split(' ', 1)[1]} ({reason}){hint}"
         raise SkillFileError(f"{path} is {message}.") from None

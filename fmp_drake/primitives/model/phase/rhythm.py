@@ -139,8 +139,8 @@ class Rhythm:
         out = []
         if self.irregular:
             out.append(
-                "the cycles are those of the other channels: not in every cycle the same "
-                f"are {', '.join(self.irregular)}"
+                f"these channels differ from cycle to cycle: {', '.join(self.irregular)}; "
+                "the cycles are those of the other channels"
             )
         kinds = {part.kind for part in self.left_out}
         if "backwards" in kinds:

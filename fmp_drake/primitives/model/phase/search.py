@@ -566,7 +566,7 @@ def _objection(attempt: _Attempt, limits: _Limits) -> str:
             f"variance; the phase model needs at most {100 * _MOST_SHIFTED:.0f} %."
         )
     if attempt.gaps >= max(_LEAST_GAPS, _GAPS_PER_CYCLE * track.cycles):
-        return "a part of each cycle is left out, so its period is another one."
+        return "a part of each cycle is left out, so this is not the period."
     period = track.period
     if not _VELOCITIES[0] < attempt.period / period < _VELOCITIES[1]:
         return (
