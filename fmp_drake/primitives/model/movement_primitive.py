@@ -319,12 +319,12 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 f"; the window is {self.window:g} s instead of {given_steps / self.rate:g} s, "
                 "because no bout is so long"
             )
-        most = self.n_components
+        count = self.n_components
         self.phase_model_, self.components_, self.calibration_ = fit_phase_model(
             tracked.track,
             n_steps=self.n_steps,
             reference_step=self.overlap,
-            most_components=MOST_COMPONENTS if isinstance(most, str) else most,
+            most_components=MOST_COMPONENTS if isinstance(count, str) else count,
         )
         has_few_cycles = self.calibration_.model_weight < 1
         self.memory_ = tuple(tracked.recordings) if has_few_cycles else ()
@@ -546,31 +546,29 @@ class FourierMovementPrimitive(TrajectoryMixture):
 
         `scales` is checked where it is used, against the channels.
         """
-        values = self.get_params()
-        model = values["model"]
-        if not isinstance(model, str) or model not in ("mixture", "phase", "automatic"):
+        choices = ("mixture", "phase", "automatic")
+        if not isinstance(self.model, str) or self.model not in choices:
             raise SkillError(
-                f"model is {model!r}; it must be 'mixture', 'phase' or 'automatic'."
+                f"model is {self.model!r}; it must be 'mixture', 'phase' or 'automatic'."
             )
-        check_number(values["rate"], "rate", least=1e-6, most=1e6, unit="Hz")
+        check_number(self.rate, "rate", least=1e-6, most=1e6, unit="Hz")
         steps = self._most_steps if self._given_steps is None else self._given_steps
         check_number(steps, "n_steps", least=8, whole=True)
         overlap = self._nominal_overlap
         check_number(overlap, "overlap", least=2, most=steps // 2, whole=True)
-        if values["stride"] is not None:
-            check_number(values["stride"], "stride", least=1, whole=True)
-        components = values["n_components"]
-        if not isinstance(components, str) or components != "automatic":
+        if self.stride is not None:
+            check_number(self.stride, "stride", least=1, whole=True)
+        count = self.n_components
+        if not isinstance(count, str) or count != "automatic":
             hint = "or 'automatic'"
-            check_number(components, "n_components", least=1, whole=True, hint=hint)
-        seed = values["random_state"]
-        check_number(seed, "random_state", least=0, most=2**32 - 1, whole=True)
+            check_number(count, "n_components", least=1, whole=True, hint=hint)
         check_number(
-            values["explained_variance"], "explained_variance", above=0.0, most=1.0
+            self.random_state, "random_state", least=0, most=2**32 - 1, whole=True
         )
-        check_number(values["shrinkage"], "shrinkage", least=0.0)
-        for name in ("regularization", "tolerance"):
-            check_number(values[name], name, least=1 / GREATEST)
+        check_number(self.explained_variance, "explained_variance", above=0.0, most=1.0)
+        check_number(self.shrinkage, "shrinkage", least=0.0)
+        check_number(self.regularization, "regularization", least=1 / GREATEST)
+        check_number(self.tolerance, "tolerance", least=1 / GREATEST)
 
 
 def _at_least(samples: int, seconds: float, rate: float) -> int:
