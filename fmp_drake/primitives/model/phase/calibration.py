@@ -462,7 +462,7 @@ def _interpolated(new_steps: Array, steps: Array, values: Array) -> Array:
 
 
 def variance_factor(cycles: float) -> float:
-    """Return the factor by which the sample variances of some cycles are too small."""
+    """Return the factor by which sample variances are too small for a number of cycles."""
     return float((1 + _SHORTFALL / cycles**1.5) ** 2)
 
 
@@ -535,8 +535,8 @@ def _cross_validation(
 def _windows(values: Array, steps: Indices, places: int) -> tuple[Array, Indices]:
     """Return samples (N, n, D) at steps after some starts (N,), and the starts.
 
-    Samples after the end are NaN; those up to the first gap of the steps are there, and the
-    next one.
+    Samples after the end are NaN. Each window has at least the samples up to the first gap
+    in the steps, and the next one.
     """
     least = int(np.argmax(np.diff(steps, append=steps[-1] + 2) > 1)) + 1
     last = max(len(values) - 1 - int(steps[min(least, len(steps) - 1)]), 0)

@@ -80,7 +80,9 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
     size = float(np.sqrt(np.concatenate(chosen).var(axis=0).sum()))
     steps = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in chosen]
     step = max(float(np.median(np.concatenate(steps))), 1e-12)
-    intervals = [(_leaves(y, step), len(y) - _leaves(y[::-1], step)) for y in chosen]
+    intervals = [
+        (_end_of_rest(y, step), len(y) - _end_of_rest(y[::-1], step)) for y in chosen
+    ]
     if any(after - first < 2 for first, after in intervals):
         return None
     loops = [y[a:b] for y, (a, b) in zip(recordings, intervals, strict=True)]
@@ -112,8 +114,8 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
 def _order_of_small_gaps(loops: Sequence[Array]) -> list[int]:
     """Order paths (n, D) so that each begins near the end of the previous one.
 
-    The nearest path follows each one; of all first paths, that with the least total gap
-    is taken.
+    Each path is followed by the nearest one that remains. Of all first paths, the one with
+    the smallest total gap is taken.
     """
     starts, ends = (np.stack([y[end] for y in loops]) for end in (0, -1))
     gaps = np.linalg.norm(ends[:, None] - starts, axis=2)
@@ -127,7 +129,7 @@ def _order_of_small_gaps(loops: Sequence[Array]) -> list[int]:
     return min(orders, key=lambda order: float(gaps[order[:-1], order[1:]].sum()))
 
 
-def _leaves(values: Array, step: float) -> int:
+def _end_of_rest(values: Array, step: float) -> int:
     """Return the last sample of a path (n, D) within one step of its first sample."""
     away = np.linalg.norm(values - values[0], axis=1) > step
     return int(np.argmax(away)) - 1 if away.any() else len(values)

@@ -165,7 +165,7 @@ class Rhythm:
                 grows = "grows" if change > 0 else "falls"
                 out.append(
                     f"the {what} {grows} by {100 * abs(change):.0f} % of its mean: the skill "
-                    "is about the middle, and its samples vary as much"
+                    "plays the mean, and its samples vary by as much"
                 )
         if self.drift > _LEAST_DRIFT:
             out.append(

@@ -65,7 +65,8 @@ class _Limits(NamedTuple):
 _CLEAR_MISFIT = 0.015
 # Misfit of a shorter period relative to the best, up to which it is preferred.
 _MISFIT_RATIO = 4.0
-# Limits in the order of use. Few cycles are found by alignment, which is evidence.
+# Limits in the order of use. Few cycles suffice where they were found by alignment, because
+# that is evidence of a repetition.
 _LIMITS = (_Limits(4.0, 0.05), _Limits(1.25, 0.15), _Limits(3.0, 0.1))
 # Fraction of the variance that slow displacements of the centre may take, and below which no
 # other period is tried.
@@ -83,7 +84,8 @@ _LEAST_BOUT, _HARMONICS = 0.5, 6
 _LEAST_OTHER = 1.5
 # Misfit of a sample that is left out.
 _LEFT_OUT_MISFIT = 0.13
-# Parts left out, in all and per cycle, that are parts of each cycle of another period.
+# Least number of omitted parts, in total and per cycle, that shows that a part of each cycle
+# is left out.
 _LEAST_GAPS, _GAPS_PER_CYCLE = 3, 0.8
 # Noise of a channel that the phase ignores: least fraction of its own variance, and of the
 # variance of all channels.

@@ -189,7 +189,7 @@ def _step(period: float) -> int:
 def _moving_mean(values: Array, mask: Mask, size: int) -> Array:
     """Return the mean of the values (n, D) in a mask (n,) over windows of a size.
 
-    The windows are inside the runs of the mask, and the means are continued elsewhere.
+    The windows are inside the runs of the mask; elsewhere the means are interpolated.
     """
     inside = np.flatnonzero(mask)
     if not len(inside):
@@ -208,8 +208,9 @@ def _moving_mean(values: Array, mask: Mask, size: int) -> Array:
 def _normalised(values: Array, fit: Array, mask: Mask, size: int) -> Array:
     """Return values (n, D) relative to a moving centre and size.
 
-    With them, the values of a cycle at the phases of the samples, (n, D), fit best. Where
-    these are 0, centre and size are mean and deviation.
+    Centre and size are chosen so that `fit` (n, D), the values of a cycle at the phases of
+    the samples, is as near as possible. Where `fit` is 0, they are the mean and the standard
+    deviation.
     """
     d = values.shape[1]
     products = (
