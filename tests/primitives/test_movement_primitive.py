@@ -262,6 +262,7 @@ def test_array_without_a_stated_rate_is_refused(x):
         ({}, 120, 10),
         ({"window": 6.0}, 120, 10),
         ({"rate": 50}, 300, 25),
+        ({"rate": np.int64(50)}, 300, 25),
         ({"rate": 5}, 120, 10),
         ({"window": 6.0, "rate": 50}, 300, 25),
         ({"window": 6.0, "rate": 50, "overlap": 8}, 300, 8),

@@ -229,8 +229,7 @@ def polar(
 
 def _circular_std(phase: Array) -> Array:
     with np.errstate(divide="ignore"):  # Infinite where phases cancel exactly.
-        out: Array = circstd(phase, low=-np.pi, high=np.pi, axis=0)
-    return out
+        return circstd(phase, low=-np.pi, high=np.pi, axis=0)
 
 
 def modulate_windows(

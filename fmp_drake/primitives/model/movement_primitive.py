@@ -499,7 +499,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         if self._window is not None:
             quarter = round(self._window * self.rate) // 4
             return max(2, min(round(0.5 * self.rate), quarter))
-        return 10 if self._n_steps is not None else _at_least(10, 0.5, self.rate)
+        return 10 if self._n_steps is not None else max(10, round(0.5 * self.rate))
 
     @property
     def _given_steps(self) -> int | None:
@@ -511,7 +511,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
     @property
     def _most_steps(self) -> int:
         """Greatest window by default, samples; long periods need a longer one."""
-        return _at_least(_DEFAULT_STEPS, _DEFAULT_WINDOW, self.rate)
+        return max(_DEFAULT_STEPS, round(_DEFAULT_WINDOW * self.rate))
 
     def _steps_for(self, tracked: TrackedRhythm) -> int:
         """Return the samples in a window for a rhythm, within what can be learned."""
@@ -569,12 +569,6 @@ class FourierMovementPrimitive(TrajectoryMixture):
         check_number(self.shrinkage, "shrinkage", least=0.0)
         check_number(self.regularization, "regularization", least=1 / GREATEST)
         check_number(self.tolerance, "tolerance", least=1 / GREATEST)
-
-
-def _at_least(samples: int, seconds: float, rate: float) -> int:
-    """Return the number of samples in a time, but at least a given number."""
-    is_valid = isinstance(rate, int | float) and 0 < rate <= GREATEST
-    return max(samples, round(seconds * rate)) if is_valid else samples
 
 
 def build_skill(

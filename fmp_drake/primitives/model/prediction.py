@@ -68,13 +68,13 @@ class Prediction:
         squares = np.sum(error * solved, axis=1)
         volumes = np.linalg.slogdet(self.covariances)[1]
         if self.degrees_of_freedom is None:
-            return np.asarray(-0.5 * (squares + volumes + d * np.log(2 * np.pi)))
+            return -0.5 * (squares + volumes + d * np.log(2 * np.pi))
         n = self.degrees_of_freedom
         constant = (
             gammaln((n + d) / 2) - gammaln(n / 2) - d / 2 * np.log((n - 2) * np.pi)
         )
         tails = (n + d) / 2 * np.log1p(squares / (n - 2))
-        return np.asarray(constant - 0.5 * volumes - tails)
+        return constant - 0.5 * volumes - tails
 
 
 class Replayed(NamedTuple):
@@ -180,7 +180,7 @@ class Replay:
 
 def _squared(values: Array) -> Array:
     """Return the sums of squares of values (n, K, D), shape (n,)."""
-    return np.asarray(np.einsum("nkd,nkd->n", values, values))
+    return np.einsum("nkd,nkd->n", values, values)
 
 
 class Extrapolation:

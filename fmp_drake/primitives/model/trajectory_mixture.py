@@ -108,7 +108,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
                 np.log(fraction) + background.log_density(weights),
             )
         stretch = self.n_steps * float(np.sum(np.log(self.scales_)))
-        return np.asarray(out - stretch)
+        return out - stretch
 
     def score(self, X: ArrayLike, y: object = None) -> float:  # noqa: ARG002
         """Return the mean log density per sample (time step) of windows."""

@@ -96,7 +96,7 @@ class Relaxation:
         if self.modes is None:
             return target + decay * deviation
         coordinates, residual = self.split(deviation)
-        out: Array = self.modes @ (decay * coordinates)
+        out = self.modes @ (decay * coordinates)
         out += complement * residual
         out += target
         return out

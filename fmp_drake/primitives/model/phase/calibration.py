@@ -359,7 +359,7 @@ def _less_dependent(covariances: Array, parts: float) -> Array:
     even = variance[:, None, None] * np.eye(d)
     independent = d / (d + max(1.0, parts))
     less = covariances - independent * covariances * (1 - np.eye(d))
-    return np.asarray(less + _LEAST_RELATIVE * even)
+    return less + _LEAST_RELATIVE * even
 
 
 def _calibration(

@@ -96,7 +96,7 @@ def phase_components(
         "iab,ij,jcb->iajc", root, correlations, root, optimize=True
     )
     size = len(root) * root.shape[1]
-    added_covariance = np.asarray(added_covariance.reshape(size, size), dtype=float)
+    added_covariance = added_covariance.reshape(size, size)
     scale = np.repeat(np.sqrt(factors), root.shape[1])
     growth = np.outer(scale, scale) - 1
     gaussians = grid_gaussians(track, residual, grid, steps)
@@ -251,7 +251,7 @@ def symmetric_roots(covariances: Array) -> Array:
     """Return the symmetric square roots of covariances (n, D, D)."""
     variances, vectors = np.linalg.eigh(covariances)
     half = vectors * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
-    return np.asarray(half @ np.swapaxes(vectors, 1, 2))
+    return half @ np.swapaxes(vectors, 1, 2)
 
 
 def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
@@ -285,7 +285,7 @@ def leading_eigenvectors(matrix: Array, count: int) -> tuple[Array, Array]:
         matrix.T, lower=1, lwork=size, overwrite_a=1
     )
     values, vectors = eigh_tridiagonal(diagonal, off_diagonal, check_finite=False)
-    leading: Array = vectors[:, n - count :]
+    leading = vectors[:, n - count :]
     # The product of the reflections does not change the first row.
     leading[1:] = dormqr(
         "L", "N", reflectors[1:, :-1], scales, leading[1:], lwork=_BLOCK * count

@@ -38,7 +38,7 @@ def noise_fractions(recordings: Sequence[Array]) -> Array:
         power = np.abs(np.fft.rfft(y, axis=0)) ** 2
         powers.append(power[1 : max(2, int(_BAND * len(power)))])
     power = np.concatenate(powers) + 1e-300
-    mean: Array = np.exp(np.mean(np.log(power), axis=0) + np.euler_gamma)
+    mean = np.exp(np.mean(np.log(power), axis=0) + np.euler_gamma)
     return mean / power.mean(axis=0)
 
 

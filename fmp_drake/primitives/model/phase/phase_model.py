@@ -3,10 +3,9 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
-from fmp_drake.numeric import Array, finite_array
+from fmp_drake.numeric import Array
 from fmp_drake.primitives.model.basis import close_windows
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.phase.calibration import Calibration, calibrate
@@ -85,10 +84,9 @@ class PhaseModel:
         shape = self.cycle.coefficients.shape[1], self.grid.phases.shape
         return shape == (channels, (components,)) and 0 <= self.reference_step < n_steps
 
-    def phase(self, values: ArrayLike) -> Array:
+    def phase(self, values: Array) -> Array:
         """Return the unwrapped phase (n,) of consecutive samples (n, D), rad."""
-        y = finite_array(values, "the values", ("n", self.cycle.coefficients.shape[1]))
-        return phase_path(y, self.cycle, velocity=self.velocity.mean)
+        return phase_path(values, self.cycle, velocity=self.velocity.mean)
 
     def draw(
         self,

@@ -141,7 +141,7 @@ class Autoregression:
         d = len(self.innovation)
         drive = np.zeros_like(companion)
         drive[:d, :d] = self.innovation
-        out: Array = solve_discrete_lyapunov(companion, drive)
+        out = solve_discrete_lyapunov(companion, drive)
         return (out + out.T) / 2
 
 
@@ -289,7 +289,7 @@ def phase_covariance(
         squares, counts = squares + count / 2 * process, counts + count / 2
     out = squares / np.maximum(counts, 1.0)
     variances, vectors = np.linalg.eigh(out)
-    return np.asarray((vectors * np.maximum(variances, 0.0)) @ vectors.T)
+    return (vectors * np.maximum(variances, 0.0)) @ vectors.T
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -352,8 +352,7 @@ class Residual:
 
     def standardised(self, phase: Array, values: Array) -> Array:
         """Return the v (..., n, D) of residuals (..., n, D) at phases (..., n)."""
-        out: Array = np.linalg.solve(self.factor(phase), values[..., None])
-        return out[..., 0]
+        return np.linalg.solve(self.factor(phase), values[..., None])[..., 0]
 
     def shaped_covariance(self, phase: Array, covariance: Array) -> Array:
         """Return the covariance (n D, n D) of L v at phases (n,) for that of v."""

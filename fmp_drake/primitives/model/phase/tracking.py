@@ -188,13 +188,13 @@ def first_cycles(recordings: Recordings, period: float, *, most: int) -> list[Cy
     whole_size = len(pieces) // size * size or len(pieces)
     distance = distance[:whole_size].reshape(-1, min(size, whole_size), len(candidates))
     typical_distance = np.median(distance.min(axis=1), axis=0)
-    phase = np.asarray(2 * np.pi * np.arange(size) / period, dtype=float)
+    phase = 2 * np.pi * np.arange(float(size)) / period
     harmonics = max(1, min(_HARMONICS[0], size // 2 - 2))
     cycles: list[Cycle] = []
     while len(cycles) < most and np.isfinite(typical_distance).any():
         best = int(np.argmin(typical_distance))
         typical_distance[np.abs(starts - starts[best]) < size] = np.inf
-        values: Array = candidates[best].reshape(-1, size).T
+        values = candidates[best].reshape(-1, size).T
         cycles.append(Cycle.fit([phase], [values], harmonics=harmonics))
     return cycles
 
