@@ -1,7 +1,7 @@
 """Stochastic processes of a phase model: phase velocity and residual."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -335,16 +335,15 @@ class Residual:
         local += 1e-12 * np.eye(r.shape[1])
         variances, vectors = np.linalg.eigh(local)
         factors = np.einsum("gab,gb,gcb->gac", vectors, np.sqrt(variances), vectors)
+        process = Autoregression.fit_shared(residuals, order=_RESIDUAL_ORDER)
+        residual = cls(factors=np.ascontiguousarray(factors), process=process)
         if cycles < FEW_CYCLES:
-            process = Autoregression.fit_shared(residuals, order=_RESIDUAL_ORDER)
-        else:
-            shape_only = cls(factors=factors, process=_NO_PROCESS)
-            whitened = [
-                shape_only.standardised(p, x)
-                for p, x in zip(phases, residuals, strict=True)
-            ]
-            process = Autoregression.fit(whitened, order=_RESIDUAL_ORDER)
-        return cls(factors=np.ascontiguousarray(factors), process=process)
+            return residual
+        whitened = [
+            residual.standardised(p, x) for p, x in zip(phases, residuals, strict=True)
+        ]
+        process = Autoregression.fit(whitened, order=_RESIDUAL_ORDER)
+        return replace(residual, process=process)
 
     def values(self, phase: Array, v: Array) -> Array:
         """Return L v at phases (..., n), for v (..., n, D)."""
@@ -370,8 +369,3 @@ class Residual:
         return (1 - ratio) * self.factors[lower % count] + ratio * self.factors[
             (lower + 1) % count
         ]
-
-
-_NO_PROCESS = Autoregression(
-    coefficients=np.zeros((1, 1, 1)), innovation=np.ones((1, 1))
-)

@@ -67,7 +67,7 @@ _CLEAR_MISFIT = 0.015
 _MISFIT_RATIO = 4.0
 # Limits in the order of use. Few cycles suffice where they were found by alignment, because
 # that is evidence of a repetition.
-_LIMITS = (_Limits(4.0, 0.05), _Limits(1.25, 0.15), _Limits(3.0, 0.1))
+_STRICT, _ALIGNED, _LENIENT = _Limits(4.0, 0.05), _Limits(1.25, 0.15), _Limits(3.0, 0.1)
 # Fraction of the variance that slow displacements of the centre may take, and below which no
 # other period is tried.
 _MOST_SHIFTED, _STEADY = 0.5, 0.05
@@ -303,7 +303,7 @@ def _search(
     track = best.track
     if len(columns) < all_channels[0].shape[1]:
         track = track.with_channels(_cut(all_channels, best.bouts))
-    misfit = 0.0 if limits is _LIMITS[0] else _misfit(best) / best.track.cycles
+    misfit = 0.0 if limits is _STRICT else _misfit(best) / best.track.cycles
     return TrackedRhythm(rhythm, track, all_channels, misfit)
 
 
@@ -312,7 +312,7 @@ def _best_attempt(
 ) -> tuple[_Attempt, _Limits]:
     """Return the attempt that explains the recordings best, and the limits it satisfies."""
     attempts = _attempts(recordings, candidates, is_known=is_known)
-    limits = _LIMITS[0]
+    limits = _STRICT
     acceptable = [a for a in attempts if not _objection(a, limits)]
     best = min(acceptable, key=_cost, default=None)
     if not is_known and not (best and _is_clear(best)):
@@ -321,9 +321,9 @@ def _best_attempt(
         if few and (
             best is None or _MISFIT_RATIO * _cost(few, best) < _cost(best, few)
         ):
-            acceptable, limits = [few], _LIMITS[1]
+            acceptable, limits = [few], _ALIGNED
     if not acceptable:
-        limits = _LIMITS[1] if is_known else _LIMITS[2]
+        limits = _ALIGNED if is_known else _LENIENT
         acceptable = [a for a in attempts if not _objection(a, limits)]
     if not acceptable:
         refusals = [
@@ -336,7 +336,7 @@ def _best_attempt(
             "full cycles."
         )
     best = min(acceptable, key=_cost)
-    if limits is _LIMITS[2]:
+    if limits is _LENIENT:
         # With few cycles, choose the shortest period among those of similar misfit.
         most = max(_CLEAR_MISFIT, _MISFIT_RATIO * _misfit(best))
         comparable = [a for a in acceptable if _misfit(a) <= most]
@@ -357,7 +357,7 @@ def _attempt_of_few_cycles(recordings: Sequence[Array]) -> _Attempt | None:
     """Return the attempt with the period of the best alignment, unless it is refused."""
     period = aligned_period(recordings)
     attempt = _attempt(recordings, period) if period else None
-    return attempt if attempt and not _objection(attempt, _LIMITS[1]) else None
+    return attempt if attempt and not _objection(attempt, _ALIGNED) else None
 
 
 def _attempts(
@@ -373,7 +373,7 @@ def _attempts(
         if attempt is None:
             continue
         attempts.append(attempt)
-        if _is_clear(attempt) and not _objection(attempt, _LIMITS[0]):
+        if _is_clear(attempt) and not _objection(attempt, _STRICT):
             break
     return attempts
 
@@ -444,7 +444,7 @@ def _misfit(attempt: _Attempt) -> float:
     The mean of n cycles explains 1 / n of any variance, which is corrected for.
     """
     track = attempt.track
-    explainable = 1 - 1 / max(track.cycles, _LIMITS[1].cycles)
+    explainable = 1 - 1 / max(track.cycles, _ALIGNED.cycles)
     return (track.unexplained + track.shifted**2 / 4) / explainable
 
 
@@ -468,7 +468,7 @@ def _candidates(
     samples = sum(map(len, recordings))
     previous: list[float] = []
     for candidate in (*confirmed, *local, *estimates):
-        if samples < _LIMITS[1].cycles * candidate:
+        if samples < _ALIGNED.cycles * candidate:
             continue
         if all(abs(candidate / other - 1) > _SAME for other in previous) and not (
             confirmed and candidate in local[:1]
