@@ -283,7 +283,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         """
         return PredictionPlan(self, horizon).predict(values)
 
-    def infer(self, values: ArrayLike, channels: Sequence[str | int]) -> "Prediction":
+    def infer(self, values: ArrayLike, channels: Sequence[str | int]) -> Prediction:
         """Infer the other channels of a movement from some, with covariances.
 
         The components are averaged by their evidence. Far from its reference step a

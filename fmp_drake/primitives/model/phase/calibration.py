@@ -32,9 +32,9 @@ _PHASE_REACH = 0.35
 # Prior weight of the phase model, its weight in parts, and the greatest weight of a
 # part.
 _WEIGHT, _WEIGHT_PARTS, _MOST_WEIGHT = 0.4, 6.0, 1.2
-# Priors of errors, and their weights in parts. They are rounded from a fit to bundled
-# and real recordings. Fitted without one recording, they put 92, 91 and 87 % of it into
-# the 95 % tube after 0.25, 0.5 and 1 s. First the standard deviation of an error,
+# Priors of errors, and their weights in parts. They were fitted to bundled and real
+# recordings and rounded. If they are fitted without one recording, its 95 % tube contains 92,
+# 91 and 87 % of it after 0.25, 0.5 and 1 s. First the standard deviation of an error,
 # relative to that of the change of the movement in the same time.
 _PRIOR_ERROR, _ERROR_PARTS = 0.4, 2.0
 # Shortfall of the covariances of few cycles: by a factor (1 + _SHORTFALL /

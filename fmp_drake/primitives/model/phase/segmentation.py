@@ -25,9 +25,9 @@ _STEPS_PER_PERIOD = 24
 # Standard deviations of position and velocity from the cycle, relative to their own: those
 # that are assumed at first, and the least ones.
 _FIRST_DEVIATIONS, _LEAST_DEVIATIONS = (0.2, 0.3), (0.07, 0.15)
-# Cost of a sample beside the cycle: the squared number of standard deviations that is as
-# unlikely. It is less below a speed, relative to that of the cycle, and 0 at rest. The cost
-# of a change of the label is that of a number of periods beside the cycle.
+# Cost of a sample beside the cycle: the squared number of standard deviations that is equally
+# unlikely. It is less below a speed, relative to that of the cycle, and 0 at rest. A change of
+# the label costs as much as a number of periods beside the cycle.
 _OUTSIDE, _REST_SPEED, _CHANGE = 9.0, 0.3, 0.2
 # Number of initial cycles that are compared, greatest number of iterations, and harmonics.
 _INITIAL_CYCLES, _ROUNDS, _HARMONICS = 2, 3, 12
