@@ -456,7 +456,7 @@ def test_a_channel_without_rhythm_does_not_hide_that_of_the_others(unit, width):
     assert found.period == pytest.approx(truth.period, rel=0.05)
     assert found.bouts == alone.bouts
     assert found.irregular == ("noise",)
-    assert "the same are noise" in found.describe()[-1]
+    assert "differ from cycle to cycle: noise;" in found.describe()[-1]
     skill = FourierMovementPrimitive().fit(recording)
     assert (skill.model_, skill.rhythm_) == ("phase", found)
     assert skill.phase_model_.cycle.coefficients.shape[1] == d + 1
