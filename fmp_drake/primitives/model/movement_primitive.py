@@ -317,7 +317,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         if given_steps is not None and self.n_steps < given_steps:
             self.model_reason_ += (
                 f"; the window is {self.window:g} s instead of {given_steps / self.rate:g} s, "
-                "because no bout is so long"
+                "because no bout lasts that long"
             )
         count = self.n_components
         self.phase_model_, self.components_, self.calibration_ = fit_phase_model(
