@@ -33,9 +33,9 @@ from fmp_drake.systems.panda.arm_status import (
 )
 from fmp_drake.systems.panda.gate import (
     GateConfig,
+    GateInputs,
     GateState,
     gate_step,
-    initial_gate,
 )
 
 # Groups of the discrete state.
@@ -132,7 +132,7 @@ class TorqueGate(LeafSystem):
         self._command = self.DeclareAbstractInputPort("command", message)
         self._count = self.DeclareVectorInputPort("command_count", 1)
         torque_index, gate_index, *_ = map(
-            self.DeclareDiscreteState, initial_gate().vectors()
+            self.DeclareDiscreteState, GateState().vectors()
         )
         read_index = self.DeclareDiscreteState(np.r_[first, np.zeros(3 * JOINTS)])
         self._reading = declare_cache(
@@ -193,17 +193,16 @@ class TorqueGate(LeafSystem):
         return discrete.value(_READING)
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
-        state = gate_step(
-            self._config,
-            self._state(context),
-            limits=self._limits,
+        inputs = GateInputs(
             reading=cast(ArmReading, eval_cache(self, self._reading, context)),
             command=eval_cache(self, self._last_command, context),
-            count=eval_number(self._count, context, 0.0),
+            command_count=eval_number(self._count, context, 0.0),
             torque=np.array(self._torque.Eval(context)),
             wall_time=eval_number(self._wall_time, context),
             go=eval_number(self._go, context),
         )
+        before = self._state(context)
+        state = gate_step(self._config, before, inputs, limits=self._limits)
         values.set_value(_READING, self._measurement(context))
         for index, vector in enumerate(state.vectors()):
             values.set_value(index, vector)

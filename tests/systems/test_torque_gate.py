@@ -19,10 +19,10 @@ from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.panda.arm_status import GateFault, read_status
 from fmp_drake.systems.panda.gate import (
     CommandTrack,
+    GateInputs,
     GateState,
     command_utime,
     gate_step,
-    initial_gate,
     limited_change,
     track_commands,
 )
@@ -80,23 +80,21 @@ def status(time=NOW, kind="good", **values):
 
 def play(steps, config=None):
     """Yield the gate before and after each step, and the step."""
-    gate, wall, gos = initial_gate(), NOW, 0
+    gate, wall, gos = GateState(), NOW, 0
     for each in steps:
         wall_time = wall + each["elapsed"]
         if np.isfinite(wall_time) and abs(wall_time - NOW) < 1e3:
             wall = wall_time
         gos += each["go"] > 0
-        after = gate_step(
-            config or AT_ONCE,
-            gate,
-            limits=LIMITS,
+        inputs = GateInputs(
             command=lcmt_panda_command(),
-            count=0.0,
+            command_count=0.0,
             reading=read_status(status(wall - each["age"], each["status"])),
             torque=np.full(7, each["torque"]),
             wall_time=wall_time,
             go=-1.0 if each["go"] < 0 else gos,
         )
+        after = gate_step(config or AT_ONCE, gate, inputs, limits=LIMITS)
         yield gate, after, {**each, "wall_time": wall_time}
         gate = after
 
@@ -325,7 +323,7 @@ def test_torque_continues_after_a_frozen_second():
 
 @pytest.mark.parametrize("torque", [0.0, 1.0])
 def test_a_stop_brakes_a_moving_arm_for_three_tenths_of_a_second(torque):
-    gate, speed, gates = initial_gate(), 0.1, []
+    gate, speed, gates = GateState(), 0.1, []
     for i in range(400):
         wall_time = NOW + 1e-3 * i
         message = status(
@@ -334,17 +332,15 @@ def test_a_stop_brakes_a_moving_arm_for_three_tenths_of_a_second(torque):
             # No encoder gives the same velocity again and again.
             joint_velocity=[speed + 1e-9 * i] * 7,
         )
-        gate = gate_step(
-            AT_ONCE,
-            gate,
-            limits=LIMITS,
+        inputs = GateInputs(
             command=lcmt_panda_command(),
-            count=0.0,
+            command_count=0.0,
             reading=read_status(message),
             torque=np.full(7, torque),
             wall_time=wall_time,
             go=1.0 if 0 < i < 50 else -1.0,
         )
+        gate = gate_step(AT_ONCE, gate, inputs, limits=LIMITS)
         gates.append(gate)
     damping = np.array([37.5, 50, 37.5, 25, 5, 3.75, 2.5])
     torques = np.array([gate.torque for gate in gates])
@@ -523,22 +519,20 @@ def test_the_system_steps_the_gate_and_shows_it(caching):
     fixed(gate, context, message=lcmt_panda_status())
     assert_array_equal(show(gate, context, "state"), [0.3] * 7 + [0.0] * 7)
     assert show(gate, context, "age") == np.inf
-    expected = initial_gate()
+    expected = GateState()
     for i in range(8):
         wall_time = NOW + 1e-3 * i
         fixed(gate, context, wall_time=wall_time, go=float(i > 2))
         simulator.AdvanceTo(1e-3 * i + 5e-4)
-        expected = gate_step(
-            AT_ONCE,
-            expected,
-            limits=LIMITS,
+        inputs = GateInputs(
             command=lcmt_panda_command(),
-            count=0.0,
+            command_count=0.0,
             reading=read_status(status(wall_time)),
             torque=np.full(7, 5.0),
             wall_time=wall_time,
             go=float(i > 2),
         )
+        expected = gate_step(AT_ONCE, expected, inputs, limits=LIMITS)
         clone = context.Clone()
         for each in (context, clone):
             assert_array_equal(show(gate, each, "torque_sent"), expected.torque)

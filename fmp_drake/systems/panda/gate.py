@@ -208,7 +208,7 @@ class CommandTrack(NamedTuple):
 
 
 class GateState(NamedTuple):
-    """State of a gate.
+    """State of a gate; by default before its first step.
 
     Attributes
     ----------
@@ -238,7 +238,7 @@ class GateState(NamedTuple):
         Memory of the commands.
     """
 
-    torque: Array
+    torque: Array = np.zeros(JOINTS)
     mode: GateMode = GateMode.WAITING
     faults: GateFault = GateFault(0)
     status_time: float = -np.inf
@@ -252,23 +252,13 @@ class GateState(NamedTuple):
 
     @classmethod
     def from_vectors(
-        cls,
-        torque: ArrayLike,
-        numbers: ArrayLike,
-        track: ArrayLike,
-        commands: ArrayLike,
+        cls, torque: Array, numbers: Array, track: Array, commands: Array
     ) -> "GateState":
         """Return the state that `vectors` describes."""
-        mode, faults, *times = np.asarray(numbers).tolist()
-        return cls(
-            np.array(torque, dtype=float),
-            GateMode(int(mode)),
-            GateFault(int(faults)),
-            *times,
-        )._replace(
-            track=StatusTrack.from_vector(track),
-            commands=CommandTrack.from_vector(commands),
-        )
+        mode, faults, *times = numbers.tolist()
+        first = torque.copy(), GateMode(int(mode)), GateFault(int(faults))
+        tracks = StatusTrack.from_vector(track), CommandTrack.from_vector(commands)
+        return cls._make((*first, *times, *tracks))
 
     @property
     def is_live(self) -> bool:
@@ -291,28 +281,48 @@ class GateState(NamedTuple):
         return self.torque, numbers, self.track.vector(), self.commands.vector()
 
 
-def initial_gate() -> GateState:
-    """Return the state of a gate before its first step."""
-    return GateState(np.zeros(JOINTS))
+class GateInputs(NamedTuple):
+    """Inputs of a gate at one step.
+
+    Attributes
+    ----------
+    reading : ArmReading
+        The last status.
+    command : lcmt_panda_command
+        The newest command on the bus, of this gate or of another program.
+    command_count : float
+        Number of commands on the bus so far.
+    torque : array, shape (7,)
+        Torque of the controller, Nm.
+    wall_time : float
+        Present time, s.
+    go : float
+        Operator command: number of enable requests; a negative number requests a stop.
+    """
+
+    reading: ArmReading
+    command: Any
+    command_count: float
+    torque: Array
+    wall_time: float
+    go: float
 
 
 def gate_faults(
     config: GateConfig,
     state: GateState,
+    inputs: GateInputs,
     *,
     limits: JointLimits,
-    reading: ArmReading,
     track: StatusTrack,
     is_foreign: bool,
-    torque: Array,
-    wall_time: float,
-    go: float,
 ) -> GateFault:
     """Return the present faults.
 
     Parameters are those of `gate_step`; `track` is the memory after this status, and
     `is_foreign` is whether another program commands the arm.
     """
+    reading, _, _, torque, wall_time, go = inputs
     faults = reading.faults
     if reading.is_finite:
         faults |= implausible(limits, state.track, track, reading)
@@ -335,16 +345,7 @@ def gate_faults(
 
 
 def gate_step(
-    config: GateConfig,
-    state: GateState,
-    *,
-    limits: JointLimits,
-    reading: ArmReading,
-    command: Any,
-    count: float,
-    torque: Array,
-    wall_time: float,
-    go: float,
+    config: GateConfig, state: GateState, inputs: GateInputs, *, limits: JointLimits
 ) -> GateState:
     """Return the state of the gate after its next torque.
 
@@ -353,21 +354,11 @@ def gate_step(
     config : GateConfig
         With torque limits: see `GateConfig.completed`.
     state : GateState
+    inputs : GateInputs
     limits : JointLimits
         Of the arm.
-    reading : ArmReading
-        The last status.
-    command : lcmt_panda_command
-        The newest command on the bus, of this gate or of another program.
-    count : float
-        Number of commands on the bus so far.
-    torque : array, shape (7,)
-        Torque of the controller, Nm.
-    wall_time : float
-        Present time, s.
-    go : float
-        Operator command: number of enable requests; a negative number requests a stop.
     """
+    reading, command, count, torque, wall_time, go = inputs
     is_time = abs(wall_time) <= _LATEST
     # After a stamp from the future every later status would be out of order.
     in_time = (
@@ -380,15 +371,7 @@ def gate_step(
         track = track_status(track, reading, state.torque)
     commands, is_foreign = track_commands(state.commands, command, count, wall_time)
     faults = gate_faults(
-        config,
-        state,
-        limits=limits,
-        reading=reading,
-        track=track,
-        is_foreign=is_foreign,
-        torque=torque,
-        wall_time=wall_time,
-        go=go,
+        config, state, inputs, limits=limits, track=track, is_foreign=is_foreign
     )
     was_active = state.mode.is_enabled or bool(state.torque.any())
     mode, reasons, timer = state.mode, state.faults, state.timer
