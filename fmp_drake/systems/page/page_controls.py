@@ -1,7 +1,7 @@
 """Sliders of the page."""
 
 from math import isfinite
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -19,6 +19,10 @@ class _Slider(NamedTuple):
     high: float
     step: float
     rate: float
+
+    def reaching(self, value: float) -> Self:
+        """Return the slider with its range extended to a value."""
+        return self._replace(low=min(self.low, value), high=max(self.high, value))
 
 
 _SLIDERS = {
@@ -89,8 +93,8 @@ class PageControls(LeafSystem):
         super().__init__()
         self.set_name("page_controls")
         self._meshcat = meshcat
-        self._states: dict[str, int] = {}
-        self._ends: dict[str, tuple[float, float]] = {}
+        # By the index of their state, with ranges that include the initial values.
+        self._sliders: dict[int, _Slider] = {}
         initial = {
             "tempo": tempo,
             "press_force": press_force,
@@ -101,9 +105,7 @@ class PageControls(LeafSystem):
                 continue
             check_number(value, name, least=0, error=SystemsError)
             index = self.DeclareDiscreteState(np.array([float(value)]))
-            self._states[name] = int(index)
-            slider = _SLIDERS[name]
-            self._ends[name] = min(slider.low, value), max(slider.high, value)
+            self._sliders[int(index)] = _SLIDERS[name].reaching(value)
             self.DeclareStateOutputPort(name, index)
         self.DeclareInitializationPublishEvent(self._show)
         self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._read)
@@ -115,32 +117,30 @@ class PageControls(LeafSystem):
 
     def _show(self, context: Context) -> None:
         sliders = self._meshcat.GetSliderNames()
-        for name in self._states:
-            label, low, high, step, _ = _SLIDERS[name]
-            value = self._value(context, name)
+        for index, slider in self._sliders.items():
+            value = self._value(context, index)
+            label, low, high, step, _ = slider.reaching(value)
             if label in sliders:
                 shown_value = self._meshcat.SetSliderValue(label, value)
                 if abs(shown_value - value) <= _ROUNDING * step:
                     continue
                 # Another simulation's slider ends before this value.
                 self._meshcat.DeleteSlider(label)
-            ends = min(low, value), max(high, value)
-            self._meshcat.AddSlider(label, *ends, step, value)
+            self._meshcat.AddSlider(label, low, high, step, value)
 
-    def _value(self, context: Context, name: str) -> float:
-        return float(context.get_discrete_state(self._states[name]).value()[0])
+    def _value(self, context: Context, index: int) -> float:
+        return float(context.get_discrete_state(index).value()[0])
 
     def _read(self, context: Context, values: DiscreteValues) -> None:
         sliders = self._meshcat.GetSliderNames()
-        for name, index in self._states.items():
-            label, _, _, step, rate = _SLIDERS[name]
+        for index, (label, low, high, step, rate) in self._sliders.items():
             if label not in sliders:
                 continue
             slider_value = self._meshcat.GetSliderValue(label)
-            value = self._value(context, name)
+            value = self._value(context, index)
             if isfinite(slider_value) and abs(slider_value - value) > _ROUNDING * step:
                 change = rate * _PERIOD
-                bounded = np.clip(slider_value, *self._ends[name])
+                bounded = np.clip(slider_value, low, high)
                 values.set_value(
                     index, np.array([np.clip(bounded, value - change, value + change)])
                 )
