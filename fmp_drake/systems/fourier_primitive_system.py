@@ -203,7 +203,9 @@ class FourierPrimitiveSystem(LeafSystem):
         self._soft_start = soft_start
         d = skill.n_channels_
 
-        start = player.start(self.resting_value(skill))
+        # Until the initialisation: the mean value of the likeliest component.
+        rest = skill.synthesize(skill.components_[0].mean).mean(axis=0)
+        start = player.start(rest)
         self._playback = [
             int(self.DeclareDiscreteState(array)) for array in start.to_arrays()
         ]
@@ -249,12 +251,6 @@ class FourierPrimitiveSystem(LeafSystem):
             declare(name, points * size, part, state)
         declare("remaps", 2, self._calc_remaps, now)
         declare("measurement_age", 1, self._calc_measurement_age, now)
-
-    @staticmethod
-    def resting_value(skill: FourierMovementPrimitive) -> Array:
-        """Return the mean value of the likeliest component, shape (D,)."""
-        first = skill.components_[0].mean
-        return skill.synthesize(first).mean(axis=0)
 
     @property
     def player(self) -> Player:

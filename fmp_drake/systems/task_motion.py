@@ -132,10 +132,9 @@ class TaskMotion(LeafSystem):
         self._motion = declare("motion", 3 * self._roles.count)
         self._pose = declare("measured_pose", 7)
         self._force = None if self._roles.force is None else declare("normal_force", 1)
-        sizes = (7, 6, 6) if is_moving else ()
         self._frame = [
-            declare(name.replace("task", "surface"), size)
-            for name, size in zip(_FRAME, sizes, strict=False)
+            declare(name.replace("task", "surface"), DESIRED[name])
+            for name in (_FRAME if is_moving else ())
         ]
 
     def _declare_outputs(self, is_moving: bool) -> None:

@@ -132,7 +132,8 @@ def test_all_of_its_values_are_discrete_state(system):
 
 def test_default_context_rests_at_the_mean_of_the_skill(system, small_skill):
     context = system.CreateDefaultContext()
-    rest = FourierPrimitiveSystem.resting_value(small_skill)
+    likeliest = small_skill.components_[0].mean
+    rest = small_skill.synthesize(likeliest).mean(axis=0)
     assert_allclose(system.GetOutputPort("position").Eval(context), rest)
     assert_allclose(system.GetOutputPort("velocity").Eval(context), 0, atol=1e-12)
     assert np.all(rest > small_skill.extent_[0])

@@ -95,12 +95,11 @@ def draw_words(
             outlines += [p - start for p in polygons]
     points = np.concatenate(outlines)
     low, high = points.min(axis=0), points.max(axis=0)
-    available = _available_size(grid, quarter_turns)
+    available, pitch, shape = _canvas(grid, quarter_turns)
     if height is None:
         height = float(np.min(available / (high - low)))
     middle = 0.5 * (low + high)
-    canvas = np.zeros(_canvas_shape(grid, quarter_turns), dtype=bool)
-    pitch = grid.pitch[::-1] if quarter_turns % 2 else grid.pitch
+    canvas = np.zeros(shape, dtype=bool)
     size = np.array(canvas.shape[::-1])
     for outline in outlines:
         # Letters may have holes: an outline within an outline has no ink.
@@ -149,11 +148,9 @@ def draw_picture(
     if size is not None:
         check_number(size, "size", above=0, unit="m", error=SystemsError)
     picture = _read(Path(path))
-    available = _available_size(grid, quarter_turns)
+    available, pitch, shape = _canvas(grid, quarter_turns)
     if size is None:
         size = float(min(available[0], available[1] * picture.width / picture.height))
-    pitch = grid.pitch[::-1] if quarter_turns % 2 else grid.pitch
-    shape = _canvas_shape(grid, quarter_turns)
     extent = np.array([size, size * picture.height / picture.width])
     pixels = np.maximum(np.rint(extent * _FINE / pitch), 1).astype(int)
     small = picture.resize((int(pixels[0]), int(pixels[1])), Image.Resampling.BOX)
@@ -211,15 +208,16 @@ def _read(path: Path) -> Image.Image:
     return Image.fromarray((1.0 - grey) * values[..., 3])
 
 
-def _available_size(grid: InkGrid, quarter_turns: int) -> Array:
-    """Return the greatest width and height of a drawing, m."""
-    size = grid.size[::-1] if quarter_turns % 2 else grid.size
-    return np.array(size) * (1.0 - 2.0 * MARGIN)
+def _canvas(grid: InkGrid, quarter_turns: int) -> tuple[Array, Array, tuple[int, int]]:
+    """Return the canvas of a drawing, upright: a board with its edges swapped or not.
 
-
-def _canvas_shape(grid: InkGrid, quarter_turns: int) -> tuple[int, int]:
-    ny, nx = grid.shape[::-1] if quarter_turns % 2 else grid.shape
-    return ny * _FINE, nx * _FINE
+    Its parts are the greatest width and height of a drawing, m; the width and height of
+    a cell, m; and the numbers of rows and columns of samples.
+    """
+    step = -1 if quarter_turns % 2 else 1
+    ny, nx = grid.shape[::step]
+    available = np.array(grid.size[::step]) * (1.0 - 2.0 * MARGIN)
+    return available, grid.pitch[::step], (ny * _FINE, nx * _FINE)
 
 
 def _filled(pixel: Array, shape: tuple[int, int]) -> Mask:

@@ -109,16 +109,14 @@ class InkGrid:
     @cached_property
     def x(self) -> Array:
         """Cell centres along x of B, shape (nx,), in metres; read-only."""
-        return self._centres_along(0)
+        index = np.arange(self.shape[1])
+        return read_only(self.corner[0] + (index + 0.5) * self.pitch[0])
 
     @cached_property
     def y(self) -> Array:
         """Cell centres along y of B, shape (ny,), in metres; read-only."""
-        return self._centres_along(1)
-
-    def _centres_along(self, axis: int) -> Array:
-        index = np.arange(self.shape[1 - axis])
-        return read_only(self.corner[axis] + (index + 0.5) * self.pitch[axis])
+        index = np.arange(self.shape[0])
+        return read_only(self.corner[1] + (index + 0.5) * self.pitch[1])
 
     @cached_property
     def centres(self) -> Array:

@@ -84,12 +84,10 @@ def desired_motion(
     out = np.zeros(39)
     p, v, a = y[channels.position], dy[channels.position], ddy[channels.position]
     is_plane = surface.kx == 0 and surface.ky == 0
-    first = 2 if not is_plane else 0
-    out[first:3], out[3 + first : 6], out[6 + first : 9] = (
-        p[first:],
-        v[first:],
-        a[first:],
-    )
+    # On a curved surface the target is at the height h over the origin of T.
+    first = 0 if is_plane else 2
+    out[first:3], out[3 + first : 6] = p[first:], v[first:]
+    out[6 + first : 9] = a[first:]
     out[9:13] = channels.reference
     if len(channels.rotation):
         phi = y[channels.rotation]
@@ -199,19 +197,16 @@ def _quaternion_of(R: Array) -> Array:
     a, e, i = R[0, 0], R[1, 1], R[2, 2]
     largest = max(a + e + i, a, e, i)
     if largest == a + e + i:
-        q = np.array(
-            (1 + largest, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1])
-        )
+        w, x = 1 + largest, R[2, 1] - R[1, 2]
+        y, z = R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     elif largest == a:
-        q = np.array(
-            (R[2, 1] - R[1, 2], 1 + a - e - i, R[0, 1] + R[1, 0], R[0, 2] + R[2, 0])
-        )
+        w, x = R[2, 1] - R[1, 2], 1 + a - e - i
+        y, z = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0]
     elif largest == e:
-        q = np.array(
-            (R[0, 2] - R[2, 0], R[0, 1] + R[1, 0], 1 - a + e - i, R[1, 2] + R[2, 1])
-        )
+        w, x = R[0, 2] - R[2, 0], R[0, 1] + R[1, 0]
+        y, z = 1 - a + e - i, R[1, 2] + R[2, 1]
     else:
-        q = np.array(
-            (R[1, 0] - R[0, 1], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1], 1 - a - e + i)
-        )
+        w, x = R[1, 0] - R[0, 1], R[0, 2] + R[2, 0]
+        y, z = R[1, 2] + R[2, 1], 1 - a - e + i
+    q = np.array((w, x, y, z))
     return q / math.sqrt(q @ q)
