@@ -320,6 +320,81 @@ def correct_normal_force(
 
 
 @compiled
+def task_wrench(
+    settings: Any,
+    memory: np.record,
+    state: ForceState,
+    inputs: np.record,
+    contact: Contact,
+    fraction: float,
+    rising: float,
+) -> tuple[Array, ForceCorrection, float, float]:
+    """Compute the feed-forward wrench on the tool, with the normal force.
+
+    Parameters
+    ----------
+    settings : ImpedanceSettings
+        Of the controller.
+    memory, inputs : record
+        Of the types `MEMORY` and `PACKED`.
+    state : ForceState
+        Of the previous update.
+    contact : Contact
+        Result of `contact_of`.
+    fraction : float
+        Fraction of the target in the motion that is followed, in [0, 1].
+    rising : float
+        `normal_speed` of the tool, m/s.
+
+    Returns
+    -------
+    wrench : array, shape (6,)
+        Torque and force in T, Nm and N.
+    force : ForceCorrection
+    desired, measured : float
+        Normal force, N; NaN where it is not measured.
+    """
+    config, height = settings.config.force_control, contact.height
+    stiffness = memory.stiffness[5, 5]
+    wrench, lifting = np.zeros(6), 0.0
+    pressing, searching = 0.0, False
+    if fraction > 0:
+        pressing, searching = contact.force, contact.searching
+        for i in range(6):
+            wrench[i] += inputs.feedforward_wrench[i]
+        wrench[5] -= pressing
+        if inputs.desired_normal_force[0] > 0:
+            # From below the surface the tool rises before it returns.
+            lift = config.lift_height + max(-height, 0.0)
+            lifting = contact.engaged * (1 - contact.near) * stiffness * lift
+    measured = math.nan
+    if inputs.has_normal_force:
+        measured = inputs.normal_force[0] if inputs.finite else 0.0
+    desired = -wrench[5] if fraction == 1 else 0.0
+    force = correct_normal_force(
+        config,
+        state,
+        NormalForceDemand(
+            desired,
+            measured,
+            searching,
+            contact.near < 1,
+            height,
+            stiffness,
+            memory.saturated > 0,
+        ),
+        settings.config.control_period,
+    )
+    factor = approach_factor(config, memory.surface, height, -rising)
+    factor *= engagement(-height - config.search_range, settings.engage_height)
+    wrench[5] += pressing * (1 - factor) + lifting
+    for i in range(6):
+        wrench[i] *= fraction
+    wrench[5] -= force.correction
+    return wrench, force, desired, measured
+
+
+@compiled
 def with_force(
     config: ForceControlConfig, state: ForceState, force: float, period: float
 ) -> ForceState:

@@ -26,14 +26,10 @@ from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.force_control import (
     Contact,
-    ForceCorrection,
     ForceState,
-    NormalForceDemand,
-    approach_factor,
     contact_of,
-    correct_normal_force,
-    engagement,
     is_beyond,
+    task_wrench,
     with_force,
 )
 from fmp_drake.systems.impedance.joints import (
@@ -52,27 +48,17 @@ from fmp_drake.systems.impedance.law import (
 from fmp_drake.systems.impedance.records import (
     LAYOUT,
     MEMORY,
-    ImpedanceMemory,
     ImpedanceSettings,
-    encode,
     frame_of,
     held_pose,
     last_target,
+    memory_of_update,
     of_joints,
     status_of_update,
     target_of,
     unpack,
 )
-from fmp_drake.systems.impedance.stiffness import (
-    admit_stiffness,
-    between,
-    filter_fraction,
-    is_covariance,
-    is_positive_definite,
-    refill,
-    stiffness_from_covariance,
-    symmetric,
-)
+from fmp_drake.systems.impedance.stiffness import next_stiffness, refill
 from fmp_drake.systems.impedance.supervision import (
     LOST,
     STOPPED,
@@ -227,7 +213,7 @@ def _next_torque(
     target = _followed_target(inputs, contact, held, fraction, rate)
     frame_twist = frame_of(inputs).V
     rising = normal_speed(arm_T, X_TE.p, frame_twist)
-    wrench, force, desired, measured = _task_wrench(
+    wrench, force, desired, measured = task_wrench(
         settings, memory, state, inputs, contact, fraction, rising
     )
 
@@ -274,7 +260,7 @@ def _next_torque(
         watchdog, fraction = WatchdogState(STOPPED, 0.0, 0.0), 0.0
     flags |= force_flags | stiffness_flags
     status = status_of_update(flags, fraction, watchdog, law, limited, force, energy)
-    after = ImpedanceMemory(
+    after = memory_of_update(
         watchdog,
         with_force(config.force_control, force.state, law.normal_force, period),
         refill(config.tank, energy, law.dissipation * period),
@@ -285,7 +271,7 @@ def _next_torque(
         error[:3],
         force_record,
     )
-    return limited.torque, status, encode(after)
+    return limited.torque, status, after
 
 
 @inlined
@@ -339,97 +325,6 @@ def _followed_target(
     else:
         target = TaskTarget(relative(frame.X, held), np.zeros(6), np.zeros(6))
     return target
-
-
-@compiled
-def _task_wrench(
-    settings: ImpedanceSettings,
-    memory: np.record,
-    state: ForceState,
-    inputs: np.record,
-    contact: Contact,
-    fraction: float,
-    rising: float,
-) -> tuple[Array, ForceCorrection, float, float]:
-    """Return feed-forward wrench, force correction, desired and measured force, N.
-
-    `rising` is the `normal_speed` of the tool.
-    """
-    config, height = settings.config.force_control, contact.height
-    stiffness = memory.stiffness[5, 5]
-    wrench, lifting = np.zeros(6), 0.0
-    pressing, searching = 0.0, False
-    if fraction > 0:
-        pressing, searching = contact.force, contact.searching
-        for i in range(6):
-            wrench[i] += inputs.feedforward_wrench[i]
-        wrench[5] -= pressing
-        if inputs.desired_normal_force[0] > 0:
-            # From below the surface the tool rises before it returns.
-            lift = config.lift_height + max(-height, 0.0)
-            lifting = contact.engaged * (1 - contact.near) * stiffness * lift
-    measured = math.nan
-    if inputs.has_normal_force:
-        measured = inputs.normal_force[0] if inputs.finite else 0.0
-    desired = -wrench[5] if fraction == 1 else 0.0
-    force = correct_normal_force(
-        config,
-        state,
-        NormalForceDemand(
-            desired,
-            measured,
-            searching,
-            contact.near < 1,
-            height,
-            stiffness,
-            memory.saturated > 0,
-        ),
-        settings.config.control_period,
-    )
-    factor = approach_factor(config, memory.surface, height, -rising)
-    factor *= engagement(-height - config.search_range, settings.engage_height)
-    wrench[5] += pressing * (1 - factor) + lifting
-    for i in range(6):
-        wrench[i] *= fraction
-    wrench[5] -= force.correction
-    return wrench, force, desired, measured
-
-
-@compiled
-def next_stiffness(
-    settings: ImpedanceSettings,
-    memory: np.record,
-    inputs: np.record,
-    error: Array,
-) -> tuple[Array, float, int]:
-    """Return K, the energy left in the tank, and flags."""
-    config, K, energy = settings.config, settings.stiffness[:], memory.tank_energy
-    if not (inputs.has_stiffness > 0 or inputs.has_covariance > 0):
-        return K, energy, 0
-    present = memory.stiffness[:]
-    if not inputs.finite:
-        return present, energy, 0
-    if inputs.has_stiffness:
-        given, bounds = inputs.stiffness[:], config.watchdog
-        K = symmetric(given)
-        if not is_positive_definite(given):
-            return present, energy, StatusFlag.STIFFNESS_REFUSED.value
-        for i in range(3):
-            if (
-                K[i, i] > bounds.max_rotational_stiffness
-                or K[3 + i, 3 + i] > bounds.max_stiffness
-            ):
-                return present, energy, StatusFlag.STIFFNESS_REFUSED.value
-    if inputs.has_covariance:
-        covariance = inputs.covariance[:]
-        if not is_covariance(covariance):
-            return present, energy, StatusFlag.STIFFNESS_REFUSED.value
-        K = stiffness_from_covariance(config.covariance_stiffness, covariance, K)
-    fraction = filter_fraction(config.control_period, config.stiffness_time_constant)
-    K, energy, held_back = admit_stiffness(
-        present, between(present, K, fraction), error, energy
-    )
-    return K, energy, StatusFlag.TANK_EMPTY.value * held_back
 
 
 @compiled

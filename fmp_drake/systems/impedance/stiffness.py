@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from fmp_drake.systems.impedance.algebra import (
     product,
     solve_lower,
 )
+from fmp_drake.systems.impedance.controller_status import StatusFlag
 
 
 @dataclass(kw_only=True)
@@ -230,6 +232,62 @@ def admit_stiffness(
     if cost <= energy:
         return desired, energy - max(cost, 0.0), False
     return stiffness + (energy / cost) * change, 0.0, True
+
+
+@compiled
+def next_stiffness(
+    settings: Any,
+    memory: np.record,
+    inputs: np.record,
+    error: Array,
+) -> tuple[Array, float, int]:
+    """Return the stiffness of the next update, from the ports that are used.
+
+    Parameters
+    ----------
+    settings : ImpedanceSettings
+        Of the controller.
+    memory, inputs : record
+        Of the types `MEMORY` and `PACKED`.
+    error : array, shape (6,)
+        Of the pose, rad and m.
+
+    Returns
+    -------
+    stiffness : array, shape (6, 6)
+        K, in T.
+    energy : float
+        Left in the tank, J.
+    flags : int
+        `StatusFlag.STIFFNESS_REFUSED` or `StatusFlag.TANK_EMPTY`, or 0.
+    """
+    config, K, energy = settings.config, settings.stiffness[:], memory.tank_energy
+    if not (inputs.has_stiffness > 0 or inputs.has_covariance > 0):
+        return K, energy, 0
+    present = memory.stiffness[:]
+    if not inputs.finite:
+        return present, energy, 0
+    if inputs.has_stiffness:
+        given, bounds = inputs.stiffness[:], config.watchdog
+        K = symmetric(given)
+        if not is_positive_definite(given):
+            return present, energy, StatusFlag.STIFFNESS_REFUSED.value
+        for i in range(3):
+            if (
+                K[i, i] > bounds.max_rotational_stiffness
+                or K[3 + i, 3 + i] > bounds.max_stiffness
+            ):
+                return present, energy, StatusFlag.STIFFNESS_REFUSED.value
+    if inputs.has_covariance:
+        covariance = inputs.covariance[:]
+        if not is_covariance(covariance):
+            return present, energy, StatusFlag.STIFFNESS_REFUSED.value
+        K = stiffness_from_covariance(config.covariance_stiffness, covariance, K)
+    fraction = filter_fraction(config.control_period, config.stiffness_time_constant)
+    K, energy, held_back = admit_stiffness(
+        present, between(present, K, fraction), error, energy
+    )
+    return K, energy, StatusFlag.TANK_EMPTY.value * held_back
 
 
 @compiled
