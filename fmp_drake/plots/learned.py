@@ -1,6 +1,7 @@
 """Pictures of a learned skill and of its playback."""
 
 from collections.abc import Sequence
+from itertools import accumulate, repeat
 
 import matplotlib
 import numpy as np
@@ -372,24 +373,16 @@ def draw_rollout_in_plane(
     """
     panel = PlanePanel(Channels.of_skill(player.skill), ax)
     _check_duration(player, duration)
-    points = player.rollout(start, duration)[..., 0, [1, 0]]
-    points = points.reshape(-1, *points.shape[-2:])
+    values = player.rollout(start, duration)[..., 0, :]
+    values = values.reshape(-1, *values.shape[-2:])
+    points = values[..., [1, 0]]
     panel.background(demonstrations)
     segments = np.stack([points[:, :-1], points[:, 1:]], axis=2)
     time = np.tile(np.arange(segments.shape[1]) * player.tick_seconds, len(segments))
     style = {"cmap": TIME_MAP, "linewidths": 1.5, "zorder": 3.0}
     lines = add_lines(panel.ax, segments.reshape(-1, 2, 2), time, **style)
     lines.set_clim(0, duration)
-    panel.ax.plot(
-        *points[:, 0].T,
-        "o",
-        markerfacecolor="white",
-        markeredgecolor=PLAYED,
-        markeredgewidth=2.0,
-        markersize=8,
-        label="start",
-        zorder=4.0,
-    )
+    panel.starts(values[:, 0])
     add_colorbar(panel.ax, lines, "time (s)")
     return panel.finish(f"played for {duration:g} s from the ring")
 
@@ -417,7 +410,10 @@ def draw_rollout_over_time(
     """
     labels = [*Channels.of_skill(player.skill).labels, "component"]
     _check_duration(player, duration)
-    states = _play(player, start, duration)
+    # As `Player.rollout`, with the state at every tick.
+    ticks = int(np.floor(duration * player.skill.rate * (1 + 1e-9)))
+    steps = repeat(player.tick_seconds, ticks)
+    states = list(accumulate(steps, player.advance, initial=player.start(start)))
     time = player.tick_seconds * np.arange(len(states), dtype=np.float64)
     values = np.stack([player.motion(state)[0] for state in states])
     covariances = np.stack([player.covariance(state) for state in states])
@@ -435,16 +431,6 @@ def draw_rollout_over_time(
     finish_times(axes, labels, title="played")
     strip.yaxis.label.set(rotation=0, ha="right", va="center", size="small")
     return tuple(axes)
-
-
-def _play(player: Player, start: ArrayLike, duration: float) -> list[PlaybackState]:
-    """Return the state at every tick of `Player.rollout`."""
-    state = player.start(start)
-    states = [state]
-    for _ in range(int(np.floor(duration * player.skill.rate * (1 + 1e-9)))):
-        state = player.advance(state, player.tick_seconds)
-        states.append(state)
-    return states
 
 
 def _draw_strip(ax: Axes, states: Sequence[PlaybackState], ends: Array) -> None:

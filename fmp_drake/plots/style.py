@@ -285,6 +285,12 @@ class PlanePanel:
         """Draw values (N, D) as a line."""
         self.ax.plot(*np.asarray(values, dtype=float)[:, [1, 0]].T, **style)
 
+    def starts(self, values: ArrayLike) -> None:
+        """Mark starts (S, D) by rings, in front of everything else."""
+        ring = {"markerfacecolor": "white", "markeredgecolor": PLAYED, "markersize": 8}
+        style = {"linestyle": "", "marker": "o", "markeredgewidth": 2.0, "zorder": 4.0}
+        self.path(values, label="start", **style, **ring)
+
     def background(self, demonstrations: Demonstrations) -> None:
         """Draw demonstrations of the same channels in grey."""
         recordings = demonstration_list(demonstrations, "a picture")
