@@ -27,7 +27,6 @@ from fmp_drake.primitives.playback.motion import Segment, segment_motion
 from fmp_drake.systems.ink.grid import CoverageChoice
 from fmp_drake.systems.interface.callbacks import (
     declare_cache,
-    declare_number,
     eval_cache,
     eval_number,
 )
@@ -244,7 +243,7 @@ class FourierPrimitiveSystem(LeafSystem):
         declare("weights", weights, self._calc_of(player.weights), now)
         declare("component", 1, self._calc_of(lambda state: state.component), now)
         if player.skill.phase_model_ is not None:
-            declare_number(self, "phase", self._calc_of(player.phase), now)
+            declare("phase", 1, self._calc_of(player.phase), now)
         points = self._plan_ticks + 1
         for order, (name, size) in enumerate((("plan", d), ("plan_covariance", d * d))):
             part = self._calc_part_of(partial(eval_cache, self, plan), order)

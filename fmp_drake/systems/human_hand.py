@@ -123,15 +123,10 @@ class HumanHand(LeafSystem):
         self._body = int(grip.body().index())
         self._X_LE = grip.GetFixedPoseInBodyFrame()
         self._poses, self._velocities = declare_bodies(self)
-        prerequisites = {self._poses.ticket(), self._velocities.ticket()}
-        prerequisites.add(self.time_ticket())
+        poses, velocities = self._poses.ticket(), self._velocities.ticket()
+        prerequisites = {poses, velocities, self.time_ticket()}
         declare_spatial_forces(self, self._calc_forces, prerequisites)
-        self.DeclareVectorOutputPort(
-            "position",
-            3,
-            self._calc_position,
-            prerequisites_of_calc={self._poses.ticket()},
-        )
+        self.DeclareVectorOutputPort("position", 3, self._calc_position, {poses})
 
     def _grip_pose(self, context: Context) -> RigidTransform:
         poses: Any = self._poses.Eval(context)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import ContactSurface
 from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import (
@@ -40,9 +41,11 @@ from fmp_drake.systems.interface.callbacks import (
     collision_ids,
     contact_surfaces,
     declare_bodies,
-    declare_number,
 )
 from fmp_drake.systems.surface.surface import project, rotation
+
+# A frame F fixed to a body: index of the body, and X_BodyF.
+type _BodyFrame = tuple[int, RigidTransform]
 
 
 class InkBoard(LeafSystem):
@@ -153,9 +156,8 @@ class InkBoard(LeafSystem):
             (int(frame.body().index()), frame.GetFixedPoseInBodyFrame())
             for frame in (eraser, surface)
         )
-        self._eraser_ids, self._board_ids = (
-            _collision_ids(plant, frame) for frame in (eraser, surface)
-        )
+        self._eraser_ids = collision_ids(plant, eraser.body())
+        self._board_ids = collision_ids(plant, surface.body())
         self._grid, self._curvature = grid, grid.curvature
         self._cells = Cells.of(grid)
         self._initial_ink = _checked_ink(initial_ink, grid)
@@ -173,13 +175,12 @@ class InkBoard(LeafSystem):
         motion = PlanarMotion(-math.inf, *[0.0] * (len(PlanarMotion._fields) - 1))
         self._motion = int(self.DeclareDiscreteState(np.array(motion)))
         self._outline = int(self.DeclareDiscreteState(6))
-        declare_number(
-            self, "cleaned_fraction", self._calc_cleaned_fraction, {self.xd_ticket()}
-        )
         contact = {self._contact_results.ticket()}
         pressed = contact | {self._poses.ticket()}
-        declare_number(self, "normal_force", self._calc_normal_force, pressed)
-        declare_number(self, "contact_area", self._calc_contact_area, contact)
+        declare = self.DeclareVectorOutputPort
+        declare("cleaned_fraction", 1, self._calc_cleaned_fraction, {self.xd_ticket()})
+        declare("normal_force", 1, self._calc_normal_force, pressed)
+        declare("contact_area", 1, self._calc_contact_area, contact)
         compile_rubbing(self._cells)
         self.DeclareInitializationDiscreteUpdateEvent(self._begin)
         self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._update)
@@ -200,54 +201,49 @@ class InkBoard(LeafSystem):
         contacts = contact_surfaces(results, self._eraser_ids)
         return [(s, force) for s, force, other in contacts if other in self._board_ids]
 
-    def _pose(self, context: Context) -> RigidTransform:
-        """Return X_WB."""
+    def _pose(self, context: Context, frame: _BodyFrame) -> RigidTransform:
+        """Return X_WF."""
         poses: Any = self._poses.Eval(context)
-        body, X_BodyB = self._surface
-        return poses[body] @ X_BodyB
+        body, X_BodyF = frame
+        return poses[body] @ X_BodyF
 
-    def _normal_force(self, context: Context) -> float:
+    def _velocity(self, context: Context, frame: _BodyFrame) -> SpatialVelocity:
+        """Return V_WF."""
+        poses: Any = self._poses.Eval(context)
+        velocities: Any = self._velocities.Eval(context)
+        body, X_BodyF = frame
+        return velocities[body].Shift(poses[body].rotation() @ X_BodyF.translation())
+
+    def _calc_normal_force(self, context: Context, output: BasicVector) -> None:
         contacts = self._contacts(context)
         if not contacts:
-            return 0.0
-        X_WB = self._pose(context)
+            output.SetAtIndex(0, 0.0)
+            return
+        X_WB = self._pose(context, self._surface)
         z_W = X_WB.rotation().col(2)
         if not self._curvature.is_plane:
-            poses: Any = self._poses.Eval(context)
-            body, X_BodyE = self._eraser
-            p_BE = X_WB.inverse() @ (poses[body] @ X_BodyE).translation()
+            p_WE: Any = self._pose(context, self._eraser).translation()
+            p_BE = X_WB.inverse() @ p_WE
             u, v, _ = project(self._curvature, p_BE, np.zeros(2))
             z_W = X_WB.rotation().matrix() @ rotation(self._curvature, u, v)[:, 2]
-        return sum(float(force.dot(z_W)) for _, force in contacts)
+        output.SetAtIndex(0, sum(float(force.dot(z_W)) for _, force in contacts))
 
     def _calc_cleaned_fraction(self, context: Context, output: BasicVector) -> None:
         ink = context.get_discrete_state(self._ink).value()
         inked = self._initial_ink >= CLEAN_BELOW
         output.SetAtIndex(0, cleaned_fraction(ink, inked))
 
-    def _calc_normal_force(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._normal_force(context))
-
     def _calc_contact_area(self, context: Context, output: BasicVector) -> None:
         contacts = self._contacts(context)
         output.SetAtIndex(0, sum(surface.total_area() for surface, _ in contacts))
 
     def _planar_motion(self, context: Context, near: Array) -> PlanarMotion:
-        poses: Any = self._poses.Eval(context)
-        velocities: Any = self._velocities.Eval(context)
-        (X_WE, V_WE), (X_WB, V_WB) = (
-            (
-                poses[body] @ X_BodyF,
-                velocities[body].Shift(poses[body].rotation() @ X_BodyF.translation()),
-            )
-            for body, X_BodyF in (self._eraser, self._surface)
-        )
         return planar_motion(
             time=context.get_time(),
-            X_WB=X_WB,
-            V_WB=V_WB,
-            X_WE=X_WE,
-            V_WE=V_WE,
+            X_WB=self._pose(context, self._surface),
+            V_WB=self._velocity(context, self._surface),
+            X_WE=self._pose(context, self._eraser),
+            V_WE=self._velocity(context, self._eraser),
             curvature=self._curvature,
             near=near,
         )
@@ -267,9 +263,8 @@ class InkBoard(LeafSystem):
         patch = rectangle(values.get_value(self._outline))
         outline = np.zeros(6)
         if surfaces := [surface for surface, _ in self._contacts(context)]:
-            new, outline = read_patch(
-                surfaces, self._pose(context), now, self._curvature
-            )
+            X_WB = self._pose(context, self._surface)
+            new, outline = read_patch(surfaces, X_WB, now, self._curvature)
             # While the eraser is lifted, the previous patch is the better one.
             if not patch.depth > max(2.0 * new.depth, 0.0):
                 patch = new
@@ -307,17 +302,6 @@ class InkBoard(LeafSystem):
                 for k in range(low, high + 1)
             ]
         return motions
-
-
-def _collision_ids(plant: MultibodyPlant, frame: Frame) -> frozenset[int]:
-    ids = collision_ids(plant, frame.body())
-    if not ids:
-        raise SystemsError(
-            f"The body '{frame.body().name()}' has no collision geometry, so the "
-            "eraser and the board can never touch: add hydroelastic collision "
-            "geometries to both, and register the plant with a SceneGraph first."
-        )
-    return ids
 
 
 def _checked_ink(initial_ink: ArrayLike | None, grid: InkGrid) -> Array:

@@ -68,12 +68,8 @@ class JointFriction(LeafSystem):
         )
         self._indices = indices.astype(int)
         self._state = self.DeclareVectorInputPort("state", 2 * n)
-        self.DeclareVectorOutputPort(
-            "generalized_force",
-            plant.num_velocities(),
-            self._calc,
-            prerequisites_of_calc={self._state.ticket()},
-        )
+        size, tickets = plant.num_velocities(), {self._state.ticket()}
+        self.DeclareVectorOutputPort("generalized_force", size, self._calc, tickets)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         state: Any = self._state.Eval(context)

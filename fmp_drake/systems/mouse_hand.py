@@ -1,6 +1,7 @@
 """Hand guiding by a mouse or finger on the page."""
 
 from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,10 @@ from pydrake.systems.framework import (
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array, check_number
+from fmp_drake.numeric import Array
 from fmp_drake.systems.human_hand import hand_torque
 from fmp_drake.systems.interface.callbacks import (
     declare_bodies,
-    declare_number,
     declare_spatial_forces,
     spatial_force,
 )
@@ -131,11 +131,6 @@ class MouseHand(LeafSystem):
             )
         if R_WE is not None and tip is None:
             raise SystemsError("a tool that may be turned needs a tip.")
-        for name, value in {
-            "specific_stiffness": specific_stiffness,
-            **{n: getattr(config, n) for n in ("stiffness", "max_force", "max_speed")},
-        }.items():
-            check_number(value, name, above=0, error=SystemsError)
         self._meshcat, self._config, self._board = meshcat, config, board
         self._specific = float(specific_stiffness)
         self._eye = np.array(eye, dtype=float)
@@ -162,16 +157,13 @@ class MouseHand(LeafSystem):
         prerequisites = {ticket, self._poses.ticket(), self._velocities.ticket()}
         declare_spatial_forces(self, self._calc_forces, prerequisites)
         for name, field in (("is_guided", "guiding"), ("cursor_interval", "interval")):
-
-            def calc(context: Context, output: BasicVector, field: str = field) -> None:
-                output[0] = self._read_state(context)[field]
-
-            declare_number(self, name, calc, {ticket})
+            calc = partial(self._calc_number, field)
+            self.DeclareVectorOutputPort(name, 1, calc, {ticket})
         self.DeclarePeriodicDiscreteUpdateEvent(SAMPLE_PERIOD, 0.0, self._read)
 
-    def _read_state(self, context: Context) -> Any:
+    def _calc_number(self, field: str, context: Context, output: BasicVector) -> None:
         values: Any = context.get_discrete_state(self._state).value()
-        return values.view(STATE)[0]
+        output[0] = values.view(STATE)[0][field]
 
     def _point(
         self, context: Context, body: int, p_BoQ_B: Array
@@ -206,9 +198,8 @@ class MouseHand(LeafSystem):
         if self._R_WL is None:
             return None
         poses: Any = self._poses.Eval(context)
-        rotation = (
-            poses[self._tip_body].rotation() @ self._R_WL.inverse()
-        ).ToAngleAxis()
+        R = poses[self._tip_body].rotation() @ self._R_WL.inverse()
+        rotation = R.ToAngleAxis()
         return rotation.angle() * rotation.axis()
 
     def _guided(self, state: Any) -> tuple[int, Array]:

@@ -9,7 +9,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from fmp_drake.systems.interface.arm_model import ArmModel
-from fmp_drake.systems.interface.callbacks import declare_number, eval_cache
+from fmp_drake.systems.interface.callbacks import eval_cache
 
 
 class NormalForceEstimator(LeafSystem):
@@ -71,8 +71,8 @@ class NormalForceEstimator(LeafSystem):
         self._torque = self.DeclareVectorInputPort("torque_external", n)
         self._frame = self.DeclareVectorInputPort("task_frame", 7)
         self._plant_context = self._arm.declare_context(self)
-        ports = (self._state, self._torque, self._frame)
-        declare_number(self, "normal_force", self._calc, {p.ticket() for p in ports})
+        tickets = {p.ticket() for p in (self._state, self._torque, self._frame)}
+        self.DeclareVectorOutputPort("normal_force", 1, self._calc, tickets)
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         state: Any = self._state.Eval(context)

@@ -70,8 +70,9 @@ that the joint limits have priority. `max_effective_mass` bounds Λ near singula
 where damping and tracking are softer than chosen. `WatchdogConfig` has the conditions of
 a protective stop: the arm is held, damped, at its position, and the normal force is
 zero. Along the normal it comes to rest in 10 ms, and after a stop because of its force it
-retreats by 20 mm: a push does not throw it against the surface. Once the target is valid again the arm returns to it. Every condition takes effect
-at the next update and is reported on the port `status`.
+retreats by 20 mm: a push does not throw it against the surface. Once the target is valid
+again the arm returns to it. Every condition takes effect at the next update and is
+reported on the port `status`.
 
 For any inputs, no joint exceeds its speed limit by its own torque: a torque is
 applied only where the limited torque rate suffices to end its acceleration in time.
@@ -308,28 +309,21 @@ class OperationalSpaceImpedanceController(LeafSystem):
         status = self.DeclareDiscreteState(STATUS_SIZE)
         self.DeclareDiscreteState(self._initial_memory())
         last_fault = self.DeclareDiscreteState(1)
-        first = 0
+        state, first = self._state.ticket(), 0
         for name, size, inputs in (
             ("measured_position", 3, _POSE),
             ("measured_velocity", 3, _VELOCITY),
             ("tracking_error", 6, _ERROR),
         ):
-            tickets = {self._ports[name].ticket() for name in inputs}
-            self.DeclareVectorOutputPort(
-                name,
-                size,
-                partial(self._calc_measured, slice(first, first + size), inputs),
-                prerequisites_of_calc={self._state.ticket(), *tickets},
-            )
+            calc = partial(self._calc_measured, slice(first, first + size), inputs)
+            tickets = {state, *(self._ports[name].ticket() for name in inputs)}
+            self.DeclareVectorOutputPort(name, size, calc, tickets)
             first += size
         self.DeclareStateOutputPort("status", status)
         self.DeclareStateOutputPort("last_fault", last_fault)
-        frame = self._ports["task_frame"]
+        tickets = {state, self._ports["task_frame"].ticket()}
         self.DeclareVectorOutputPort(
-            "measured_pose",
-            7,
-            self._calc_measured_pose,
-            prerequisites_of_calc={self._state.ticket(), frame.ticket()},
+            "measured_pose", 7, self._calc_measured_pose, tickets
         )
 
     def _initial_memory(self) -> Array:

@@ -168,12 +168,7 @@ class ScriptedDisturbances(LeafSystem):
         )
         force = {self.cache_entry_ticket(self._force)}
         declare_spatial_forces(self, self._calc_forces, force)
-        self.DeclareVectorOutputPort(
-            "force",
-            3,
-            self._calc_vector,
-            prerequisites_of_calc=force,
-        )
+        self.DeclareVectorOutputPort("force", 3, self._calc_vector, force)
 
     def _calc(self, context: Any, value: Any) -> None:
         time = context.get_time()
@@ -186,13 +181,11 @@ class ScriptedDisturbances(LeafSystem):
             else:
                 poses: Any = self._poses.Eval(context)
                 velocities: Any = self._velocities.Eval(context)
-                X_WBody = poses[self._body]
-                arm = X_WBody.rotation().multiply(self._X_BodyG.translation())
-                V = velocities[self._body]
-                v = V.translational() + np.cross(V.rotational(), arm)
-                force = force + disturbance.pull(
-                    vector_W - (X_WBody.translation() + arm), v
-                )
+                X_WBody, V_WBody = poses[self._body], velocities[self._body]
+                arm = X_WBody.rotation() @ self._X_BodyG.translation()
+                displacement = vector_W - (X_WBody.translation() + arm)
+                v_WG = V_WBody.Shift(arm).translational()
+                force = force + disturbance.pull(displacement, v_WG)
         value.set_value(force)
 
     def _calc_forces(self, context: Any, output: Any) -> None:

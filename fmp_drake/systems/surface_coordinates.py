@@ -56,14 +56,10 @@ class SurfaceCoordinates(LeafSystem):
         self._pose = self.DeclareVectorInputPort("measured_pose", 7)
         self._velocity = self.DeclareVectorInputPort("measured_velocity", 3)
         pose, velocity = self._pose.ticket(), self._velocity.ticket()
-        for name, size, calc, prerequisites in (
-            ("coordinates", 3, self._calc_coordinates, {pose}),
-            ("orientation", 4, self._calc_orientation, {pose}),
-            ("angular_velocity", 3, self._calc_angular_velocity, {pose, velocity}),
-        ):
-            self.DeclareVectorOutputPort(
-                name, size, calc, prerequisites_of_calc=prerequisites
-            )
+        declare = self.DeclareVectorOutputPort
+        declare("coordinates", 3, self._calc_coordinates, {pose})
+        declare("orientation", 4, self._calc_orientation, {pose})
+        declare("angular_velocity", 3, self._calc_angular_velocity, {pose, velocity})
 
     def _position(self, context: Context) -> Array:
         pose: Any = self._pose.Eval(context)

@@ -12,14 +12,14 @@ from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.systems.surface.surface import Surface
 from fmp_drake.systems.surface.tool_motion import (
     DESIRED,
+    FORCE,
+    FRAME,
+    POSITION,
+    ROTATION,
     ToolChannels,
     desired_motion,
     measured_channels,
 )
-
-_ROTATION = ("desired_orientation", "desired_angular_velocity",
-             "desired_angular_acceleration")  # fmt: skip
-_FRAME = ("task_frame", "task_frame_velocity", "task_frame_acceleration")
 
 
 class TaskMotion(LeafSystem):
@@ -133,37 +133,28 @@ class TaskMotion(LeafSystem):
         self._pose = declare("measured_pose", 7)
         self._force = None if self._roles.force is None else declare("normal_force", 1)
         self._frame = [
-            declare(name.replace("task", "surface"), DESIRED[name])
-            for name in (_FRAME if is_moving else ())
+            declare(name.replace("task", "surface"), size)
+            for name, size in (FRAME if is_moving else {}).items()
         ]
 
     def _declare_outputs(self, is_moving: bool) -> None:
-        unused: set[str] = set()
-        if self._roles.rotation is None:
-            unused |= set(_ROTATION)
-        if self._roles.force is None:
-            unused.add("desired_normal_force")
-        if self._surface.is_plane and not is_moving:
-            unused |= set(_FRAME)
-        self.parts = {n: size for n, size in DESIRED.items() if n not in unused}
+        self.parts = POSITION.copy()
+        if self._roles.rotation is not None:
+            self.parts |= ROTATION
+        if self._roles.force is not None:
+            self.parts |= FORCE
+        if is_moving or not self._surface.is_plane:
+            self.parts |= FRAME
         self._is_used = np.repeat(
-            [n not in unused for n in DESIRED], [*DESIRED.values()]
+            [name in self.parts for name in DESIRED], [*DESIRED.values()]
         )
-        self.DeclareVectorOutputPort(
-            "desired",
-            sum(self.parts.values()),
-            self._calc_desired,
-            prerequisites_of_calc={p.ticket() for p in (self._motion, *self._frame)},
-        )
-        measured = {self._motion.ticket(), self._pose.ticket()}
+        declare, size = self.DeclareVectorOutputPort, sum(self.parts.values())
+        tickets = {port.ticket() for port in (self._motion, *self._frame)}
+        declare("desired", size, self._calc_desired, tickets)
+        tickets = {self._motion.ticket(), self._pose.ticket()}
         if self._force is not None:
-            measured.add(self._force.ticket())
-        self.DeclareVectorOutputPort(
-            "measured",
-            self._roles.count,
-            self._calc_measured,
-            prerequisites_of_calc=measured,
-        )
+            tickets.add(self._force.ticket())
+        declare("measured", self._roles.count, self._calc_measured, tickets)
 
     def _calc_desired(self, context: Context, output: BasicVector) -> None:
         frame = self._fixed_frame

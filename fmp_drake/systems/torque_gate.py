@@ -21,7 +21,6 @@ from fmp_drake.settings import check_settings
 from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.interface.callbacks import (
     declare_cache,
-    declare_number,
     eval_cache,
     eval_number,
 )
@@ -155,16 +154,13 @@ class TorqueGate(LeafSystem):
             ("torque_external", 3, 1),
         ):
             part = slice(first_row * JOINTS, (first_row + rows) * JOINTS)
-            self.DeclareVectorOutputPort(
-                name,
-                rows * JOINTS,
-                partial(self._calc_measurement, part),
-                prerequisites_of_calc=measurement,
-            )
+            calc = partial(self._calc_measurement, part)
+            self.DeclareVectorOutputPort(name, rows * JOINTS, calc, measurement)
         for i, name in enumerate(("mode", "faults")):
-            declare_number(self, name, partial(self._calc_gate, i), {gate_ticket})
+            calc = partial(self._calc_gate, i)
+            self.DeclareVectorOutputPort(name, 1, calc, {gate_ticket})
         age_tickets = {gate_ticket, self._wall_time.ticket()}
-        declare_number(self, "age", self._calc_age, age_tickets)
+        self.DeclareVectorOutputPort("age", 1, self._calc_age, age_tickets)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
         self.DeclarePeriodicPublishEvent(config.period, 0.0, self._publish)
 

@@ -149,5 +149,5 @@ def test_values_that_do_not_fit_are_refused(drawings):
     plant, _ = AddMultibodyPlantSceneGraph(builder, 1e-3)
     ghost = plant.AddRigidBody("ghost")
     plant.Finalize()
-    with pytest.raises(SystemsError, match="ghost has no collision geometry"):
+    with pytest.raises(SystemsError, match="'ghost' has no collision geometry"):
         ForceArrow(plant, body=ghost, meshcat=drawings)

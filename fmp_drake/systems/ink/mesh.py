@@ -259,14 +259,9 @@ def AddInkToRecording(
         If the arrays do not fit the grid.
     """
     sample_times, inks = np.asarray(times, dtype=float), np.asarray(ink)
-    initial, final, fade_time = (
-        grid.cells(name, cells)
-        for name, cells in (
-            ("the first ink", inks[0] / 255),
-            ("the last ink", inks[-1] / 255),
-            ("ink", _fade_times(sample_times, inks)),
-        )
-    )
+    initial = grid.cells("the first ink", inks[0] / 255)
+    final = grid.cells("the last ink", inks[-1] / 255)
+    fade_time = grid.cells("ink", _fade_times(sample_times, inks))
     animation = meshcat.get_mutable_recording()
     start = animation.start_time()
     span = max(sample_times[-1] - start, 1.0 / animation.frames_per_second())

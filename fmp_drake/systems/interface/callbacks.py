@@ -21,7 +21,6 @@ from pydrake.multibody.plant import (
 )
 from pydrake.multibody.tree import BodyIndex, RigidBody
 from pydrake.systems.framework import (
-    BasicVector,
     CacheIndex,
     Context,
     DependencyTicket,
@@ -30,6 +29,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import Array
 
 
@@ -64,8 +64,19 @@ def collision_ids(plant: MultibodyPlant, body: RigidBody) -> frozenset[int]:
     """Return the values of the identifiers of a body's collision geometries.
 
     A `GeometryId` from a plant would keep the plant alive.
+
+    Raises
+    ------
+    SystemsError
+        If the body has none.
     """
     identifiers = plant.GetCollisionGeometriesForBody(body)
+    if not identifiers:
+        raise SystemsError(
+            f"The body '{body.name()}' has no collision geometry, so nothing can touch "
+            "it: add hydroelastic collision geometry, and register the plant with a "
+            "SceneGraph first."
+        )
     return frozenset(identifier.get_value() for identifier in identifiers)
 
 
@@ -121,16 +132,6 @@ def declare_spatial_forces(
         weakly(calc),
         prerequisites_of_calc=prerequisites,
     )
-
-
-def declare_number(
-    system: LeafSystem,
-    name: str,
-    calc: Callable[[Context, BasicVector], None],
-    prerequisites: set[DependencyTicket],
-) -> None:
-    """Declare an output port of size 1."""
-    system.DeclareVectorOutputPort(name, 1, calc, prerequisites_of_calc=prerequisites)
 
 
 def spatial_force(

@@ -10,7 +10,6 @@ from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, LeafSystem
 
-from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import Array
 from fmp_drake.systems.interface.callbacks import collision_ids, contact_surfaces
 
@@ -68,11 +67,6 @@ class ForceArrow(LeafSystem):
         super().__init__()
         self.set_name("force_arrow")
         self._ids = collision_ids(plant, body)
-        if not self._ids:
-            raise SystemsError(
-                f"the body {body.name()} has no collision geometry; no contact can "
-                "act on it."
-            )
         self._meshcat = meshcat
         self._results = self.DeclareAbstractInputPort(
             "contact_results", AbstractValue.Make(ContactResults())

@@ -2,7 +2,6 @@
 
 import colorsys
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -118,10 +117,6 @@ class PlanVisualizer(LeafSystem):
         self.DeclarePeriodicPublishEvent(_PERIOD, 0.0, self._draw)
         self.DeclarePeriodicDiscreteUpdateEvent(_PERIOD, 0.0, self._remember)
 
-    def _plan_values(self, context: Context) -> Array:
-        plan: Any = self._plan.Eval(context)
-        return np.asarray(plan).reshape(-1, self._roles.count)
-
     def _active(self, context: Context) -> int:
         return int(eval_number(self._component, context))
 
@@ -142,8 +137,9 @@ class PlanVisualizer(LeafSystem):
         values.set_value(self._drawn, np.array([float(self._active(context))]))
 
     def _draw_plan(self, context: Context) -> None:
-        values = self._plan_values(context)
-        plan = values[:, self._roles.position]
+        roles, values = self._roles, np.array(self._plan.Eval(context))
+        values = values.reshape(-1, roles.count)
+        plan = values[:, roles.position]
         if self._show_plan:
             self._draw_axes(values)
             draw_rod(
@@ -156,9 +152,8 @@ class PlanVisualizer(LeafSystem):
                 surface=self._surface,
             )
         if self._show_tube:
-            covariance: Any = self._covariance.Eval(context)
-            roles = self._roles
-            covariance = np.asarray(covariance).reshape(-1, roles.count, roles.count)
+            covariance = np.array(self._covariance.Eval(context))
+            covariance = covariance.reshape(-1, roles.count, roles.count)
             rows = np.ix_(range(len(plan)), roles.position, roles.position)
             vertices, faces = covariance_band(lifted(plan), covariance[rows])
             self._meshcat.SetTriangleMesh(

@@ -23,18 +23,15 @@ from fmp_drake.systems.surface.surface import (
     rotation,
 )
 
-DESIRED = {
-    "desired_position": 3,
-    "desired_velocity": 3,
-    "desired_acceleration": 3,
+POSITION = {"desired_position": 3, "desired_velocity": 3, "desired_acceleration": 3}
+ROTATION = {
     "desired_orientation": 4,
     "desired_angular_velocity": 3,
     "desired_angular_acceleration": 3,
-    "desired_normal_force": 1,
-    "task_frame": 7,
-    "task_frame_velocity": 6,
-    "task_frame_acceleration": 6,
 }
+FORCE = {"desired_normal_force": 1}
+FRAME = {"task_frame": 7, "task_frame_velocity": 6, "task_frame_acceleration": 6}
+DESIRED = POSITION | ROTATION | FORCE | FRAME
 """Inputs of the impedance controller that follow from the motion, with their sizes."""
 
 
