@@ -26,7 +26,7 @@ from fmp_drake.primitives import FourierMovementPrimitive, Player
 _WIDTH = 11.5
 _TUBE = (
     "Tube: 95 % of the windows of a component. Their tempo differs, so the tube is wider "
-    "along the movement, and longer than it where it turns."
+    "along the movement, and extends beyond it at turning points."
 )
 
 

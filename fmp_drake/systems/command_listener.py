@@ -12,8 +12,8 @@ class CommandListener(LeafSystem):
     """Newest command on a channel of LCM, and the number of commands so far.
 
     An `LcmSubscriberSystem` keeps the newest message only. The count tells whether
-    others came before it; both are read at the same instant. Something else handles the
-    subscriptions of the bus, such as an `LcmInterfaceSystem`.
+    others came before it; both are read at the same instant. Another system, such as an
+    `LcmInterfaceSystem`, must handle the subscriptions of the bus.
 
     Output ports
     ------------
@@ -29,7 +29,7 @@ class CommandListener(LeafSystem):
     serializer : SerializerInterface
         Of bytes.
     period : float
-        Time between two looks, s.
+        Time between two readings, s.
     """
 
     def __init__(

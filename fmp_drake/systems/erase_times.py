@@ -26,7 +26,7 @@ class EraseTimes(LeafSystem):
     An `InkBoard` does not depend on it, so it is not part of a station; runs add it to
     their diagram.
 
-    Input port ``ink`` (N,): of an `InkBoard`, or any that changes once in a period.
+    Input port ``ink`` (N,): of an `InkBoard`, or any ink that changes once in a period.
     Output port ``erase_time`` (N,): time in seconds at which the cell became clean;
     `inf` before that, and for cells that were clean from the start.
 

@@ -47,8 +47,8 @@ _UNTRUSTED = (
 _COMMAND_EXPIRY = 0.1
 # Number of own commands in memory.
 _REMEMBERED = 128
-# Own commands that may be missing or late for so long, s, before they no longer make up
-# for others.
+# Greatest number of own commands that count as lost or late, and the time, s, after
+# which they are no longer expected.
 _MOST_MISSING, _MISSING_TIME = 4, 0.02
 # Time for which the controller's torque must be small before the return ends, s.
 _RETURN_TIME = 0.1
@@ -508,13 +508,13 @@ def command_fingerprint(utime: int, torque: ArrayLike) -> float:
 def track_commands(
     track: CommandTrack, command: Any, count: float, wall_time: float
 ) -> tuple[CommandTrack, bool]:
-    """Return the memory after a look at the bus, and whether another program commands.
+    """Return the memory after reading the bus, and whether another program commands.
 
     The gate's own commands are on the bus, too. If the newest one is the gate's own, at
-    most as many came since the last look as the gate has sent in the meantime. One more is
-    another program's, in whatever order they came, and even if it copies the gate's
-    own. A newest command that the gate has not sent is another program's: when it comes,
-    and until it is so old that the robot ignores it.
+    most as many came since the last reading as the gate has sent in the meantime. One more
+    is another program's, in whatever order they came, and even if it copies the gate's
+    own. A newest command that the gate has not sent is another program's: it counts when
+    it comes, and until it is so old that the robot ignores it.
 
     Parameters
     ----------
