@@ -102,21 +102,20 @@ class InkVisualizer(LeafSystem):
     def _redraw(self, context: Context) -> None:
         for name in ("live", "recorded"):
             self._meshcat.Delete(f"{self._path}/{name}")
-        new: Any = eval_cache(self, self._shades, context)
-        for row, column in _tiles(np.ones(new.shape, dtype=bool)):
-            self._draw(new, row, column)
+        shades: Any = eval_cache(self, self._shades, context)
+        self._draw(shades, np.ones(shades.shape, dtype=bool))
 
     def _draw_changes(self, context: Context) -> None:
-        new: Any = eval_cache(self, self._shades, context)
+        shades: Any = eval_cache(self, self._shades, context)
         drawn = context.get_discrete_state(self._drawn_index).value()
-        for row, column in _tiles(new != drawn.reshape(new.shape)):
-            self._draw(new, row, column)
+        self._draw(shades, shades != drawn.reshape(shades.shape))
 
-    def _draw(self, shades: ShadeArray, row: int, column: int) -> None:
-        """Draw the tile that begins at a cell."""
-        part = shades[row : row + TILE + 1, column : column + TILE + 1]
-        mesh = ink_mesh(self._grid, part, origin=(row, column))
-        draw_ink(self._meshcat, f"{self._path}/live/tile_{row}_{column}", mesh)
+    def _draw(self, shades: ShadeArray, changed: Mask) -> None:
+        """Draw the tiles that have a changed corner."""
+        for row, column in _tiles(changed):
+            part = shades[row : row + TILE + 1, column : column + TILE + 1]
+            mesh = ink_mesh(self._grid, part, origin=(row, column))
+            draw_ink(self._meshcat, f"{self._path}/live/tile_{row}_{column}", mesh)
 
 
 def _tiles(changed: Mask) -> Iterator[tuple[int, int]]:
