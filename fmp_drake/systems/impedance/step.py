@@ -196,7 +196,7 @@ def _next_torque(
         if abs(arm.v[i]) > joints.limits.speed[i]:
             flags |= StatusFlag.SPEED_EXCEEDED.value
     # In a stop, a tool below the assumed surface rises slowly to it, and the stop lasts
-    # as long. The found surface is reset meanwhile.
+    # until it is there. The height that was found is reset meanwhile.
     surface = memory.surface
     below = stopped and surface < 0
     stop_pose = raised(X_WE, X_WT, -min(surface, 0.0))
@@ -218,7 +218,7 @@ def _next_torque(
     )
 
     if watchdog.mode == STOPPED:
-        # The same push throws a lightly damped tool against the surface.
+        # Else the push that caused the stop could throw the tool against the surface.
         wrench[5] -= normal_damping(config, arm_T, X_TE.p, frame_twist)
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error[:])
     error[5] += force.state.surface

@@ -10,7 +10,7 @@ from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import Array
 from fmp_drake.systems.impedance.joints import JointLimits
 
-ArmReading = tuple[bool, Array, Array, Array, Array, Array, Array, Array]
+type _Arguments = tuple[bool, Array, Array, Array, Array, Array, Array, Array]
 
 
 class ArmModel:
@@ -49,7 +49,7 @@ class ArmModel:
             prerequisites_of_calc={system.nothing_ticket()},
         ).cache_index()
 
-    def read(self, plant_context: Context, state: Array) -> ArmReading:
+    def read(self, plant_context: Context, state: Array) -> _Arguments:
         """Return the kinematics and dynamics for `impedance_step`, as its arguments.
 
         Parameters
