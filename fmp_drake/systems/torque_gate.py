@@ -35,6 +35,7 @@ from fmp_drake.systems.panda.gate import (
     GateInputs,
     GateState,
     gate_step,
+    initial_gate,
 )
 
 # Groups of the discrete state.
@@ -131,7 +132,7 @@ class TorqueGate(LeafSystem):
         self._command = self.DeclareAbstractInputPort("command", message)
         self._count = self.DeclareVectorInputPort("command_count", 1)
         torque_index, gate_index, *_ = map(
-            self.DeclareDiscreteState, GateState().vectors()
+            self.DeclareDiscreteState, initial_gate().vectors()
         )
         read_index = self.DeclareDiscreteState(np.r_[first, np.zeros(3 * JOINTS)])
         self._reading = declare_cache(

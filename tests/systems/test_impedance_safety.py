@@ -1,7 +1,5 @@
 """Facts about the pure parts that keep the arm safe: watchdog, walls, limits."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -25,9 +23,10 @@ from fmp_drake.systems.impedance.joints import (
 )
 from fmp_drake.systems.impedance.records import (
     MEMORY,
+    ImpedanceMemory,
+    encode,
     held_pose,
     last_target,
-    memory_of_update,
     values_of,
 )
 from fmp_drake.systems.impedance.supervision import (
@@ -265,7 +264,7 @@ def test_an_unwrapped_error_is_the_same_rotation(seed):
 @pytest.mark.parametrize("used", [False, True])
 def test_the_memory_survives_its_vector(used):
     rng = np.random.default_rng(0)
-    memory = SimpleNamespace(
+    memory = ImpedanceMemory(
         watchdog=WatchdogState(2, 0.3, 1.1),
         force=ForceState(0.015, 7.0, 0.02),
         tank_energy=0.7,
@@ -276,7 +275,7 @@ def test_the_memory_survives_its_vector(used):
         rotation_error=rng.normal(size=3),
         force_record=ForceRecord(7.0, 8.0, 2.0),
     )
-    vector = memory_of_update(**vars(memory))
+    vector = encode(memory)
     assert vector.shape == (MEMORY.itemsize // 8,)
     record = vector.view(MEMORY)[0]
     names = MEMORY.names

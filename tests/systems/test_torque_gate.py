@@ -23,6 +23,7 @@ from fmp_drake.systems.panda.gate import (
     GateState,
     command_utime,
     gate_step,
+    initial_gate,
     limited_change,
     track_commands,
 )
@@ -80,7 +81,7 @@ def status(time=NOW, kind="good", **values):
 
 def play(steps, config=None):
     """Yield the gate before and after each step, and the step."""
-    gate, wall, gos = GateState(), NOW, 0
+    gate, wall, gos = initial_gate(), NOW, 0
     for each in steps:
         wall_time = wall + each["elapsed"]
         if np.isfinite(wall_time) and abs(wall_time - NOW) < 1e3:
@@ -323,7 +324,7 @@ def test_torque_continues_after_a_frozen_second():
 
 @pytest.mark.parametrize("torque", [0.0, 1.0])
 def test_a_stop_brakes_a_moving_arm_for_three_tenths_of_a_second(torque):
-    gate, speed, gates = GateState(), 0.1, []
+    gate, speed, gates = initial_gate(), 0.1, []
     for i in range(400):
         wall_time = NOW + 1e-3 * i
         message = status(
@@ -519,7 +520,7 @@ def test_the_system_steps_the_gate_and_shows_it(caching):
     fixed(gate, context, message=lcmt_panda_status())
     assert_array_equal(show(gate, context, "state"), [0.3] * 7 + [0.0] * 7)
     assert show(gate, context, "age") == np.inf
-    expected = GateState()
+    expected = initial_gate()
     for i in range(8):
         wall_time = NOW + 1e-3 * i
         fixed(gate, context, wall_time=wall_time, go=float(i > 2))

@@ -333,6 +333,38 @@ def unpack(packed: Array, settings: ImpedanceSettings, time: float) -> np.record
 # Memory.
 
 
+class ImpedanceMemory(NamedTuple):
+    """The controller's memory; in the discrete state it is a vector.
+
+    Attributes
+    ----------
+    watchdog : WatchdogState
+    force : ForceState
+    tank_energy : float
+        J.
+    saturated : bool
+        Whether the torque was limited.
+    target : LastTarget
+    held : Pose
+        X_WE where the arm was stopped.
+    stiffness : array, shape (6, 6)
+        K, in T.
+    rotation_error : array, shape (3,)
+        Of the previous update, rad, in T.
+    force_record : ForceRecord
+    """
+
+    watchdog: WatchdogState
+    force: ForceState
+    tank_energy: float
+    saturated: bool
+    target: LastTarget
+    held: Pose
+    stiffness: Array
+    rotation_error: Array
+    force_record: ForceRecord
+
+
 # Numbers of 8 bytes only: one array of floats holds them.
 MEMORY = np.dtype(
     (
@@ -361,9 +393,7 @@ MEMORY = np.dtype(
         ],
     )
 )
-"""The controller's memory as a structured type, see `memory_of_update`.
-
-In the discrete state it is a vector."""
+"""The controller's memory as a structured type: the fields of `ImpedanceMemory`."""
 
 _MEMORY_SIZE = MEMORY.itemsize // 8
 
@@ -393,51 +423,25 @@ def last_target(memory: np.record) -> LastTarget:
 
 
 @compiled
-def memory_of_update(
-    watchdog: WatchdogState,
-    force: ForceState,
-    tank_energy: float,
-    saturated: bool,
-    target: LastTarget,
-    held: Pose,
-    stiffness: Array,
-    rotation_error: Array,
-    force_record: ForceRecord,
-) -> Array:
-    """Return the memory after an update, as the numbers of a new `MEMORY`.
-
-    Parameters
-    ----------
-    watchdog : WatchdogState
-    force : ForceState
-    tank_energy : float
-        J.
-    saturated : bool
-        Whether the torque was limited.
-    target : LastTarget
-    held : Pose
-        X_WE where the arm was stopped.
-    stiffness : array, shape (6, 6)
-        K, in T.
-    rotation_error : array, shape (3,)
-        Of this update, rad, in T.
-    force_record : ForceRecord
-    """
+def encode(memory: ImpedanceMemory) -> Array:
+    """Write a memory into the numbers of a new `MEMORY`."""
     vector = np.empty(_MEMORY_SIZE)
     m = vector.view(MEMORY)[0]
-    m.mode, m.clock, m.duration = watchdog
-    m.surface, m.force, m.lost_time = force
-    m.tank_energy, m.saturated = tank_energy, saturated
-    m.target_known, m.frozen_time = target.known, target.frozen_time
+    m.mode, m.clock, m.duration = memory.watchdog
+    m.surface, m.force, m.lost_time = memory.force
+    m.tank_energy, m.saturated = memory.tank_energy, memory.saturated
+    m.target_known, m.frozen_time = memory.target.known, memory.target.frozen_time
+    target, held = memory.target, memory.held
     for i in range(3):
         m.target_p[i], m.held_p[i] = target.X.p[i], held.p[i]
-        m.rotation_error[i], m.target_drift[i] = rotation_error[i], target.drift[i]
+        m.rotation_error[i] = memory.rotation_error[i]
+        m.target_drift[i] = target.drift[i]
         for j in range(3):
             m.target_R[i, j], m.held_R[i, j] = target.X.R[i, j], held.R[i, j]
     for i in range(6):
         for j in range(6):
-            m.stiffness[i, j] = stiffness[i, j]
-    m.slow_force, m.fast_force, m.force_power = force_record
+            m.stiffness[i, j] = memory.stiffness[i, j]
+    m.slow_force, m.fast_force, m.force_power = memory.force_record
     return vector
 
 

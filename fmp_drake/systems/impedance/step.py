@@ -48,11 +48,12 @@ from fmp_drake.systems.impedance.law import (
 from fmp_drake.systems.impedance.records import (
     LAYOUT,
     MEMORY,
+    ImpedanceMemory,
     ImpedanceSettings,
+    encode,
     frame_of,
     held_pose,
     last_target,
-    memory_of_update,
     of_joints,
     status_of_update,
     target_of,
@@ -260,7 +261,7 @@ def _next_torque(
         watchdog, fraction = WatchdogState(STOPPED, 0.0, 0.0), 0.0
     flags |= force_flags | stiffness_flags
     status = status_of_update(flags, fraction, watchdog, law, limited, force, energy)
-    after = memory_of_update(
+    after = ImpedanceMemory(
         watchdog,
         with_force(config.force_control, force.state, law.normal_force, period),
         refill(config.tank, energy, law.dissipation * period),
@@ -271,7 +272,7 @@ def _next_torque(
         error[:3],
         force_record,
     )
-    return limited.torque, status, after
+    return limited.torque, status, encode(after)
 
 
 @inlined

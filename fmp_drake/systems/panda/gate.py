@@ -208,7 +208,7 @@ class CommandTrack(NamedTuple):
 
 
 class GateState(NamedTuple):
-    """State of a gate; by default before its first step.
+    """State of a gate.
 
     Attributes
     ----------
@@ -238,7 +238,7 @@ class GateState(NamedTuple):
         Memory of the commands.
     """
 
-    torque: Array = np.zeros(JOINTS)
+    torque: Array
     mode: GateMode = GateMode.WAITING
     faults: GateFault = GateFault(0)
     status_time: float = -np.inf
@@ -279,6 +279,11 @@ class GateState(NamedTuple):
         """Return torque (7,), numbers (7,), track (44,) and commands (132,)."""
         numbers = np.array(self[1:-2], dtype=float)
         return self.torque, numbers, self.track.vector(), self.commands.vector()
+
+
+def initial_gate() -> GateState:
+    """Return the state of a gate before its first step."""
+    return GateState(np.zeros(JOINTS))
 
 
 class GateInputs(NamedTuple):
