@@ -76,10 +76,15 @@ def predict_deviation(
     scale = _scale(config)
     mobility = motion.J @ np.linalg.solve(motion.M, motion.J.mT) * scale * scale.T
     inertia = np.trace(np.linalg.inv(mobility + _LEAST * np.eye(6)), axis1=-2, axis2=-1)
+    x = motion.q - limits.middle
+    at_wall = np.abs(x) >= limits.half_range - config.walls.width - 1e-6
     paths = is_braked | np.any(inertia > config.max_effective_mass, axis=1)
+    paths |= np.any(at_wall, axis=(1, 2))
     if not np.any(paths):
         return deviation
     M, J, v, q = motion.M[paths], motion.J[paths], motion.v[paths], motion.q[paths]
+    x, edge = x[paths], limits.half_range - config.walls.width
+    spring = 2 * limits.upper_effort / config.walls.width
     slowest, fastest = slowest[paths], fastest[paths]
     damping, stiffness, N = _closed_loop(config, M, J, mobility[paths])
     missing = np.gradient(v, step, axis=1) - _posture(config, q_posture - q, v)
@@ -102,7 +107,10 @@ def predict_deviation(
             braked = np.where(allowed != actual, brake[:, k], 0.0)
             torque = braked * (v[:, k] - allowed + before / step)
             torque += np.where(is_closed, 0.0, contact.force)[:, None] * normal
-            diagonal = np.eye(v.shape[-1]) * (braked / step)[:, None]
+            depth = np.maximum(np.abs(x[:, k] - delta) - edge, 0.0)
+            wall = np.where(depth > 0, spring, 0.0)
+            torque += wall * (x[:, k] - np.sign(x[:, k]) * edge)
+            diagonal = np.eye(v.shape[-1]) * (braked / step + wall)[:, None]
             diagonal += is_closed[:, None, None] * felt
             delta = np.linalg.solve(A + diagonal, (b + torque)[..., None])[..., 0]
             speed = (delta - before) / step
