@@ -10,7 +10,7 @@ from pydrake.multibody.tree import BodyIndex
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.models.whiteboard import BoardBox
-from fmp_drake.station.reach.deviation_prediction import predict_deviation
+from fmp_drake.station.reach.deviation_prediction import Deviation, predict_deviation
 from fmp_drake.station.reach.posture import SolvePosture
 from fmp_drake.station.reach.tracking_prediction import (
     NO_CONTACT,
@@ -18,6 +18,7 @@ from fmp_drake.station.reach.tracking_prediction import (
     FeltContact,
     PredictedMotion,
     TrackingPredictor,
+    lengths,
 )
 from fmp_drake.station.robots.joint_inertia import CheckJointInertia
 from fmp_drake.station.robots.robot import (
@@ -27,7 +28,6 @@ from fmp_drake.station.robots.robot import (
     RobotConfig,
 )
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.surface.surface import PLANE, Surface, place, rotations
 from fmp_drake.systems.surface_monitor import along, clearances, moved
@@ -61,6 +61,9 @@ class FollowingBounds:
     orientation_error : float
         Predicted rms error of a skill with rotation channels, rad: half of the limit for a
         run, which was 0.64 degrees where 0.28 had been predicted.
+    force_error : float
+        Predicted rms error of the normal force of a skill with a force channel, N: half of
+        the limit for a run. With a constant force it is half of the tolerance.
     joint_reserve : float
         Margin from a joint-limit spring at which a joint counts as at the spring, rad.
     brief : float
@@ -97,6 +100,7 @@ class FollowingBounds:
     steepest: float = 0.2
     tilt_error: float = 0.035
     orientation_error: float = np.deg2rad(0.25)
+    force_error: float = 0.25
     joint_reserve: float = 0.03
     brief: float = 0.2
     unsteady: float = 0.01
@@ -234,7 +238,6 @@ class BoardReach:
         postures: Array,
         moved: Array | float = 0.0,
         R_TE: Array | None = None,
-        speed: Array | None = None,
     ) -> PredictedMotion:
         """Predict the motion along the same paths on several boards.
 
@@ -253,8 +256,6 @@ class BoardReach:
         R_TE : array, shape (B, T, 3, 3), optional
             Orientation of the tool along the path, the scenario's by default. T is the frame
             of the local normal, which is B on a flat board.
-        speed : array, shape (n,), optional
-            Greatest speed of each joint, rad/s.
 
         Returns
         -------
@@ -284,7 +285,6 @@ class BoardReach:
             q_posture=np.repeat(postures, len(paths), axis=0),
             step=step,
             pressed=self._pressed(paths, len(X_WB)),
-            speed=speed,
         )
 
     def missed(
@@ -296,7 +296,7 @@ class BoardReach:
         limit, rad, shape (B, T, n).
         """
         bounds = self._bounds
-        distance, tilt = motion.deviations(has_rotation=has_rotation)
+        distance, tilt = lengths(motion.error, has_rotation=has_rotation)
         is_far, is_tilted = distance > bounds.distance, tilt > bounds.tilt
         margin = self.limits.half_range - np.abs(motion.q - self.limits.middle)
         wall = self._scenario.impedance.walls.width + bounds.joint_reserve
@@ -334,50 +334,40 @@ class BoardReach:
         )
         return distance.reshape(shape), link
 
-    def disturbances(
+    def deviation(
         self,
         motion: PredictedMotion,
-        paths: Array,
         *,
         force: float,
         q_posture: Array,
         step: float,
-    ) -> tuple[float, float]:
-        """Return how braked joints, singularities and poses out of reach disturb a motion.
+    ) -> Deviation:
+        """Predict the deviation from a motion with a desired normal force, N.
 
-        The first value is the fraction of samples at which the normal force is off, or
-        contact is lost: where the arm can neither yield to the board nor reach down to it,
-        the felt bears the error. The second one is the rms deviation of the tool's
-        orientation from the predicted motion, rad.
-
-        Parameters
-        ----------
-        motion : PredictedMotion
-            Of boards * B paths.
-        paths : array, shape (B, T, 3)
-            As for `follow`.
-        force : float
-            Desired normal force, N.
-        q_posture, step
-            As for `predict_deviation`.
+        The parameters are those of `predict_deviation`.
         """
-        contact = self._contact._replace(force=force)
-        deviation = predict_deviation(
+        return predict_deviation(
             self._scenario.impedance,
             self.limits,
             motion,
-            contact,
+            self._contact._replace(force=force),
             q_posture=q_posture,
             step=step,
         )
-        tilt = np.sqrt(np.mean(np.sum(deviation.pose[..., :3] ** 2, axis=-1)))
+
+    def force_error(
+        self, motion: PredictedMotion, deviation: Deviation, paths: Array
+    ) -> Array:
+        """Return the error of the normal force, N, shape (boards * B, T).
+
+        Where the arm can neither yield to the board nor reach down to it, the felt bears
+        the error. `paths` are those of `follow`.
+        """
         depth = motion.error[..., 5]
         depth = depth - np.clip(depth, -RESIDUAL, RESIDUAL)
         pressed = self._pressed(paths, len(motion.q) // len(paths))
-        error = deviation.force + np.where(pressed, contact.stiffness * depth, 0.0)
-        least = -min(FORCE_TOLERANCE, force)
-        is_off = (error > FORCE_TOLERANCE) | (error < least)
-        return float(np.mean(is_off)), float(tilt)
+        felt = np.where(pressed, self._contact.stiffness * depth, 0.0)
+        return deviation.force + felt
 
     def moves_into_reach(
         self, paths: Array, moved: Array, step: float, R_TE: Array | None = None

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
-from pydrake.math import RigidTransform
 
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array, Mask, one_blas_thread
@@ -19,8 +18,9 @@ from fmp_drake.station.reach.board_reach import (
     BoardReach,
     FollowingBounds,
 )
+from fmp_drake.station.reach.deviation_prediction import Deviation
 from fmp_drake.station.reach.push_prediction import predict_lifts
-from fmp_drake.station.reach.tracking_prediction import PredictedMotion
+from fmp_drake.station.reach.tracking_prediction import PredictedMotion, lengths
 from fmp_drake.station.scenario import ParseScenario, Scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.station.skill_motion import SkillMargin, SkillRoles, StartChannels
@@ -33,8 +33,6 @@ _SAMPLES, _WINDOWS, _STRIDE = 6000, (8, 48), 2
 _BEGINNINGS = 3
 # Smallest checked tempo; at lower ones the joint motions are the same, and slow enough.
 _MIN_TEMPO = 0.25
-# Fraction of its limit that a braked joint's speed reaches in a run.
-_BRAKED = 0.95
 # Candidates per window: a run prefers samples that wipe much, so the longest are checked.
 _CANDIDATES = 16
 # Remedies: number of moves of the board, and factors of tempo and normal force with respect
@@ -59,10 +57,11 @@ class Feasibility:
         joint at its limit spring; ``smallest_manipulability`` (sqrt det J Jᵀ, m³);
         ``smallest_clearance`` of the arm's links from the board (m);
         ``largest_speed_ratio`` and ``largest_torque_ratio`` to the joints' limits;
-        ``braking_lag`` of the eraser by braked joints (rms, m); ``friction_lag`` (m);
-        the predicted ``tracking_error`` (rms, m); ``unsteady_fraction`` of the samples at
-        which poses out of reach, braked joints or singularities change the normal force by
-        more than 5 N; ``push_deviation``, the height to which scripted pushes lift the eraser
+        ``deviation`` (rms, m) of the eraser where joints are braked, nearly singular or at
+        their limits; ``friction_lag`` (m); the predicted ``tracking_error`` (rms, m);
+        ``force_error`` (rms, N), and ``unsteady_fraction`` of the samples at which poses out
+        of reach and such joints change the normal force by more than 5 N;
+        ``push_deviation``, the height to which scripted pushes lift the eraser
         off the board (m); and the ``largest_tempo`` and ``largest_press`` (N) with which the
         check passes.
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
@@ -246,26 +245,26 @@ class _Check:
             self._faults.append("the start is out of reach")
             posture = reach.near_postures(X_WB[:1])[0]
         postures = np.tile(posture, (len(X_WB), 1))
-        motion = self._follow(X_WB, postures)
+        motion = reach.follow(
+            X_WB,
+            self._paths,
+            moved=self._displacement,
+            step=self._step,
+            postures=postures,
+            R_TE=self._R_TE,
+        )
         clearance, link = reach.clearance(X_WB, motion, self._displacement)
-        # Where the controller brakes a joint, the eraser lags behind its path.
-        speed = _BRAKED * reach.limits.speed
-        is_fast = np.any(np.abs(motion.v) > speed, axis=(1, 2))
-        rows = np.any(is_fast.reshape(len(X_WB), -1), axis=0)
-        error = motion.error.copy()
-        if np.any(rows):
-            braked = self._follow(X_WB, postures, speed, rows)
-            error[np.tile(rows, len(X_WB))] = braked.error
-        lags = (error - motion.error).reshape(*motion.q.shape[:2], 2, 3)
-        if self._R_TE is not None:
-            lags[..., 0, :] = error[..., :3]
-        squares = np.sum(lags**2, axis=-1)
-        lag_angle, lag = map(float, np.sqrt(np.mean(squares, axis=(0, 1))))
-        values, missed = self._judge_reach(motion, clearance, link, lag)
-        values |= self._judge_speed(motion, lag, lag_angle)
+        deviation = reach.deviation(
+            motion,
+            force=float(np.max(self._force)),
+            q_posture=posture,
+            step=self._step,
+        )
+        values, missed = self._judge_reach(motion, clearance, link, deviation)
+        values |= self._judge_speed(motion)
         values |= self._judge_force(motion)
-        values |= self._judge_disturbances(
-            motion, posture, float(values["largest_tempo"])
+        values |= self._judge_deviation(
+            motion, deviation, float(values["largest_tempo"])
         )
         values |= self._judge_pushes(motion)
         ratios = [
@@ -289,23 +288,6 @@ class _Check:
             posture=posture,
             scenario=yaml_dump_typed(scenario),  # type: ignore[no-untyped-call]
             bounds=self._bounds,
-        )
-
-    def _follow(
-        self,
-        X_WB: list[RigidTransform],
-        postures: Array,
-        speed: Array | None = None,
-        rows: Mask | slice = np.s_[:],
-    ) -> PredictedMotion:
-        return self._reach.follow(
-            X_WB,
-            self._paths[rows],
-            moved=self._displacement[rows],
-            step=self._step,
-            postures=postures,
-            R_TE=None if self._R_TE is None else self._R_TE[rows],
-            speed=speed,
         )
 
     def remedy(self) -> tuple[str, float | None]:
@@ -374,28 +356,33 @@ class _Check:
         return float(np.mean(missed)) > self._bounds.exceptions
 
     def _judge_reach(
-        self, motion: PredictedMotion, clearance: Array, link: str, lag: float
+        self,
+        motion: PredictedMotion,
+        clearance: Array,
+        link: str,
+        deviation: Deviation,
     ) -> tuple[Values, Mask]:
         """Return the values, and the samples that are out of reach or too near the board.
 
         For poses that are out of reach for moments, the predicted errors decide. That of the
-        position is the root sum of squares of distance, lag of braked joints and friction lag.
+        position is the root sum of squares of distance, deviation and friction lag.
         """
         has_rotation, bounds = self._R_TE is not None, self._bounds
         far, tilted, at_spring, margin = self._reach.missed(
             motion, has_rotation=has_rotation
         )
         is_near, is_missed = clearance < bounds.clearance, far | tilted
-        distance, tilt = motion.deviations(has_rotation=has_rotation)
+        distance, tilt = lengths(motion.error, has_rotation=has_rotation)
+        deviated, _ = lengths(deviation.pose, has_rotation=has_rotation)
         rms = math.hypot(
-            math.sqrt(np.mean(distance**2)),
-            lag,
+            _rms(distance),
+            _rms(deviated),
             self._friction_lag() * float(np.max(self._force)),
         )
         is_far = self._is_frequent(far) and (
             rms > bounds.tracking_error or self._is_frequent(distance > bounds.farthest)
         )
-        tilt_rms = math.sqrt(np.mean(tilt**2))
+        tilt_rms = _rms(tilt)
         is_tilted = self._is_frequent(tilted) and (
             tilt_rms > bounds.tilt_error or self._is_frequent(tilt > bounds.steepest)
         )
@@ -435,34 +422,21 @@ class _Check:
             "smallest_manipulability": np.min(motion.manipulability),
         }, is_missed | is_near
 
-    def _judge_speed(self, motion: PredictedMotion, lag: float, angle: float) -> Values:
+    def _judge_speed(self, motion: PredictedMotion) -> Values:
         """Return the values of the joints' speed."""
         speed, bounds = np.abs(motion.v) / self._reach.limits.speed, self._bounds
         fastest = np.max(speed, axis=-1)
         allowed = self._scenario.impedance.walls.speed_fraction
         ratio = np.quantile(fastest, 1 - bounds.exceptions)
         tempo, above = self._tempo * allowed / ratio, float(np.mean(fastest > 1))
-        most = bounds.tilt if self._R_TE is None else bounds.orientation_error
-        is_late = lag > bounds.tracking_error or angle > most
         # Out of reach, or at a joint-limit spring, the joints' speed is meaningless.
-        if (is_late or above > bounds.brief) and not self._faults:
-            text = (
-                f"joint {_joint(speed)} needs {100 * ratio:.0f} % of its greatest speed"
+        if above > bounds.brief and not self._faults:
+            self._faults.append(
+                f"joint {_joint(speed)} needs {100 * ratio:.0f} % of its greatest speed, and "
+                f"more than 100 % on {100 * above:.1f} % of the path"
             )
-            if is_late:
-                text += (
-                    f": it is braked above {100 * allowed:.0f} %, and the eraser lags behind "
-                    f"its path by {1e3 * lag:.0f} mm and {np.rad2deg(angle):.1f} degrees rms"
-                )
-            else:
-                text += f", and more than 100 % on {100 * above:.1f} % of the path"
-            self._faults.append(text)
             self._slower = tempo
-        return {
-            "largest_speed_ratio": ratio,
-            "braking_lag": lag,
-            "largest_tempo": tempo,
-        }
+        return {"largest_speed_ratio": ratio, "largest_tempo": tempo}
 
     def _judge_force(self, motion: PredictedMotion) -> Values:
         bounds, force = self._bounds, float(np.max(self._force))
@@ -494,32 +468,44 @@ class _Check:
             "largest_press": limit,
         }
 
-    def _judge_disturbances(
-        self, motion: PredictedMotion, q: Array, tempo: float
+    def _judge_deviation(
+        self, motion: PredictedMotion, deviation: Deviation, tempo: float
     ) -> Values:
-        """Return how often braked joints and poses out of reach disturb the normal force."""
+        """Return how far joints that cannot follow move the tool and disturb its force."""
         has_board, bounds = self._scenario.has_board, self._bounds
-        if self._faults or not (has_board or self._R_TE is not None):
-            return {}
-        force = float(np.max(self._force))
-        fraction, tilt = self._reach.disturbances(
-            motion, self._paths, force=force, q_posture=q, step=self._step
-        )
-        text = ""
-        if has_board and fraction > bounds.unsteady:
+        has_rotation = self._R_TE is not None
+        moved, turned = map(_rms, lengths(deviation.pose, has_rotation=has_rotation))
+        values: Values = {"deviation": moved}
+        if has_board:
+            error = self._reach.force_error(motion, deviation, self._paths)
+            # Contact is lost where the force would be negative.
+            least = -min(FORCE_TOLERANCE, float(np.max(self._force)))
+            unsteady = float(np.mean((error > FORCE_TOLERANCE) | (error < least)))
+            values |= {"force_error": _rms(error), "unsteady_fraction": unsteady}
+        if self._faults:
+            return values
+        text, allowed = "", FORCE_TOLERANCE / 2
+        if np.ndim(self._force):
+            allowed = bounds.force_error
+        if has_rotation and turned > bounds.orientation_error:
+            text = f"the tool is off its orientation by {np.rad2deg(turned):.1f} degrees rms"
+        elif moved > bounds.tracking_error or turned > bounds.tilt:
             text = (
-                f"on {100 * fraction:.1f} % of the path the normal force is off by more than "
+                f"the tool is off its path by {1e3 * moved:.0f} mm and "
+                f"{np.rad2deg(turned):.1f} degrees rms"
+            )
+        elif has_board and unsteady > bounds.unsteady:
+            text = (
+                f"on {100 * unsteady:.1f} % of the path the normal force is off by more than "
                 f"{FORCE_TOLERANCE:g} N"
             )
-        elif self._R_TE is not None and tilt > bounds.orientation_error:
-            text = (
-                f"the tool is off its orientation by {np.rad2deg(tilt):.1f} degrees rms"
-            )
+        elif has_board and values["force_error"] > allowed:
+            text = f"the normal force is off by {values['force_error']:.1f} N rms"
         if text:
             cause = "joints are braked, nearly singular or at their limits, and "
             self._faults.append(cause + text)
             self._slower, self._is_disturbed = min(tempo, self._tempo), True
-        return {"unsteady_fraction": fraction} if has_board else {}
+        return values
 
     def _judge_pushes(self, motion: PredictedMotion) -> Values:
         """Return how far scripted pushes lift the eraser off the board."""
@@ -544,6 +530,10 @@ class _Check:
         if soft.enabled:  # The geometric mean of the range.
             stiffness = math.sqrt(soft.min_stiffness * soft.max_stiffness)
         return self._scenario.contact_friction() / stiffness
+
+
+def _rms(values: Array) -> float:
+    return math.sqrt(np.mean(values**2))
 
 
 def _joint(values: Array) -> int:

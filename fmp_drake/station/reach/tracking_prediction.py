@@ -55,15 +55,6 @@ class PredictedMotion(NamedTuple):
         """Joint torque per newton of normal force on the board, m, shape (B, T, n)."""
         return -self.J[..., 5, :]
 
-    def deviations(self, *, has_rotation: bool) -> tuple[Array, Array]:
-        """Return distances (m) and angles (rad) from the desired poses, (B, T) each.
-
-        Without rotation channels, rotations about the normal do not count.
-        """
-        rotation = self.error[..., : 3 if has_rotation else 2]
-        distance = np.linalg.norm(self.error[..., 3:], axis=-1)
-        return distance, np.linalg.norm(rotation, axis=-1)
-
 
 class FeltContact(NamedTuple):
     """Desired contact of the felt with a board.
@@ -125,7 +116,6 @@ class TrackingPredictor:
         q_posture: Array,
         step: float,
         pressed: Mask | None = None,
-        speed: Array | None = None,
     ) -> PredictedMotion:
         """Predict the motion along paths, after a straight motion to the start of each.
 
@@ -142,9 +132,6 @@ class TrackingPredictor:
         pressed : array of bool, shape (B, T), optional
             Whether the desired position is in contact with the board. Contact is lost where
             the eraser is too high for the desired normal force.
-        speed : array, shape (n,), optional
-            Greatest speed of each joint on the path, rad/s. Other joints compensate for one
-            that is too slow.
         """
         config, width = self._config, self._config.walls.width
         lower = self._arm.GetPositionLowerLimits() + width
@@ -166,16 +153,12 @@ class TrackingPredictor:
             posture_error = _limited(q_posture - q, config.max_posture_error)
             u = (u + pull * posture_error) / (1 + brake + step * pull)
             u -= times(inverse, times(J, u))
-            least, most = lower, upper
-            if speed is not None and k >= _LEAD_IN + _SETTLE:
-                least = np.maximum(lower, q - step * speed)
-                most = np.minimum(upper, q + step * speed)
             q = q + step * u
             for _ in range(_CORRECTIONS):
                 pose_error = _errors(self._poses(q), path[:, k], R_WE[:, i])
                 dq = _limited(times(inverse, pose_error), _LONGEST_STEP)
                 # Other joints compensate for a joint at its limit.
-                limited = np.clip(q + dq, least, most)
+                limited = np.clip(q + dq, lower, upper)
                 is_free = limited == q + dq
                 rows = ~np.all(is_free, axis=-1)
                 if np.any(rows):
@@ -186,7 +169,7 @@ class TrackingPredictor:
                     dq[rows] = fixed + _limited(
                         times(inverse_rows, rest), _LONGEST_STEP
                     )
-                q = np.clip(q + dq, least, most)
+                q = np.clip(q + dq, lower, upper)
             v, before = (q - before) / step, q
             M, Cv, X, J = self._read(q, v)
             error = _errors(X, path[:, k], R_WE[:, i]).reshape(-1, 2, 3) @ R_WB[:, i]
@@ -222,6 +205,15 @@ class TrackingPredictor:
             self._arm.SetPositions(self._context, q[i])
             X[i] = self._tip.CalcPoseInWorld(self._context).GetAsMatrix34()
         return X
+
+
+def lengths(error: Array, *, has_rotation: bool) -> tuple[Array, Array]:
+    """Return distances (m) and angles (rad) of errors (..., 6) in the board's axes.
+
+    Without rotation channels, rotations about the normal do not count.
+    """
+    rotation = error[..., : 3 if has_rotation else 2]
+    return np.linalg.norm(error[..., 3:], axis=-1), np.linalg.norm(rotation, axis=-1)
 
 
 def _errors(X_WE: Array, p_WE: Array, R_WE: Array) -> Array:
