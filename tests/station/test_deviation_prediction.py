@@ -135,6 +135,28 @@ def test_a_joint_is_braked_before_its_limit_spring(side):
     assert_allclose(forces[0, -10:], expected, rtol=0.01)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("lead", [0.1, -0.1])
+def test_a_limit_spring_turns_the_tool_where_the_posture_is_beyond_it(side, lead):
+    # Joints 1 and 7 have the same axis; of their sum the tool does not tell them apart.
+    motion = moving(0.0, samples=400)
+    motion.J[..., 0, 6] = 1.0
+    motion.q[..., 0] = 0.5 + side * (1.5 - 0.1)  # Where the spring begins.
+    posture = motion.q[0, 0].copy()
+    posture[[0, 6]] += side * lead * np.array([1, -1])
+    config = ImpedanceConfig()
+    found = predict_deviation(
+        config, LIMITS, motion, FeltContact(0.0, 0.0), q_posture=posture, step=STEP
+    )
+    # The springs of tool, posture and limit are in equilibrium.
+    spring, K = 2 * 87.0 / 0.1, config.rotational_stiffness[0]
+    pull = config.posture_frequency**2
+    depth = 2 * pull * max(lead, 0.0) / (2 * pull + spring + pull * spring / (2 * K))
+    expected = side * depth * spring / (2 * K)
+    assert (abs(expected) > 0.02) == (lead > 0)
+    assert found.pose[0, -1, 0] == pytest.approx(expected, abs=1e-6)
+
+
 def test_joints_without_limits_are_braked_by_their_speed():
     limits = LIMITS._replace(half_range=np.full(N, np.inf), middle=np.zeros(N))
     assert_allclose(error(moving(1.8), limits=limits), error(moving(1.8)))

@@ -55,7 +55,7 @@ class Predictions:
         torque[..., LOADED] = -TORQUE * limits().upper_effort[LOADED]
         error, manipulability = np.zeros((*shape, 6)), np.full(shape, 0.1)
         motion = PredictedMotion(q, v, torque, M, J, error, manipulability)
-        self.change(motion, step=step, speed=options.get("speed"))
+        self.change(motion, step=step)
         return motion
 
 
@@ -77,11 +77,25 @@ def predicted(monkeypatch):
     return predictions
 
 
-def deviation_of(motion, *, force=0.0, tilt=0.0):
+def deviation_of(motion, *, force=0.0, tilt=0.0, lag=0.0):
     """Return the same deviation from every sample of a motion."""
     shape = motion.q.shape[:2]
-    pose = np.broadcast_to([0.0, tilt, 0.0, 0.0, 0.0, 0.0], (*shape, 6))
+    pose = np.broadcast_to([0.0, tilt, 0.0, 0.0, lag, 0.0], (*shape, 6))
     return Deviation(pose, np.full(shape, force))
+
+
+@pytest.fixture
+def deviate(monkeypatch):
+    """A function that sets the predicted deviation."""
+
+    def set_to(**values):
+        monkeypatch.setattr(
+            board_reach,
+            "predict_deviation",
+            lambda _config, _limits, motion, *_, **__: deviation_of(motion, **values),
+        )
+
+    return set_to
 
 
 def few(count, motion):
@@ -127,7 +141,7 @@ def test_a_motion_within_all_bounds_is_accepted_with_its_values(
     assert values["smallest_clearance"] == pytest.approx(0.05)
     assert values["largest_speed_ratio"] == pytest.approx(SPEED)
     assert values["largest_torque_ratio"] == pytest.approx(TORQUE)
-    assert values["braking_lag"] == 0
+    assert values["deviation"] == values["force_error"] == 0
     # Joints are braked above 85 % of their speed.
     assert values["largest_tempo"] == pytest.approx(1.5 * 0.85 / SPEED)
     assert "largest_angle" not in values
@@ -365,70 +379,39 @@ def test_samples_are_as_far_apart_as_they_are_played(predicted, restless_skill):
         assert predicted.asked[-1]["step"] == pytest.approx(expected)
 
 
-@pytest.mark.parametrize(("ratio", "braked"), [(0.8, False), (1.0, True)])
-def test_the_motion_is_predicted_again_where_joints_are_braked(
-    predicted, restless_skill, ratio, braked
+def test_what_joints_cannot_follow_adds_to_the_tracking_error(
+    predicted, restless_skill, deviate
 ):
-    def change(motion, *, speed, **_):
-        motion.v[..., 3] = -ratio * limits().speed[3]
+    def change(motion, **_):
         motion.error[..., 3:] = [0.002, 0.0, 0.001]
-        if speed is not None:
-            assert np.all(speed >= 0.85 * limits().speed)
-            assert np.all(speed <= limits().speed)
-            motion.error[..., 3:] = [0.005, -0.004, 0.001]
 
     predicted.change = change
+    deviate(lag=0.005)
     values = CheckFeasibility(Scenario(), restless_skill).values
-    assert len(predicted.asked) == 1 + braked
-    # What lags is the difference of both.
-    assert values["braking_lag"] == pytest.approx(0.005 * braked)
-    squares = [0.002**2 + 0.001**2, values["braking_lag"] ** 2]
-    squares.append(values["friction_lag"] ** 2)
+    assert values["deviation"] == pytest.approx(0.005)
+    squares = [0.002**2 + 0.001**2, 0.005**2, values["friction_lag"] ** 2]
     assert values["tracking_error"] == pytest.approx(np.sqrt(sum(squares)))
     assert values["largest_distance"] == pytest.approx(np.hypot(0.002, 0.001))
 
 
+@pytest.mark.usefixtures("predicted")
 @pytest.mark.parametrize(
-    ("lag", "angle", "words"),
+    ("lag", "tilt", "words"),
     [
         (0.012, 0.02, "by 12 mm and 1.1 degrees rms"),
         (0.001, 0.12, "by 1 mm and 6.9 degrees rms"),
         (0.001, 0.02, None),
     ],
 )
-def test_an_eraser_that_braked_joints_delay_is_too_late(
-    predicted, restless_skill, lag, angle, words
+def test_a_tool_that_joints_take_off_its_path_is_refused(
+    restless_skill, deviate, lag, tilt, words
 ):
-    def change(motion, *, speed, **_):
-        motion.v[..., 3] = 0.96 * limits().speed[3]
-        motion.error[..., 0] = 0.01
-        if speed is not None:
-            motion.error[..., :4] = [0.01, -angle, 0.0, lag]
-
-    predicted.change = change
-    # Beyond its rms the lag is not judged as a distance.
+    deviate(lag=lag, tilt=tilt)
     found = CheckFeasibility(Scenario(), restless_skill)
     assert found.is_feasible == (words is None)
     if words:
-        text = "joint 4 needs 96 % of its greatest speed: it is braked above 85 %, and"
-        assert f"{text} the eraser lags behind its path {words}" in found.verdict
-
-
-@pytest.mark.parametrize(("angle", "is_feasible"), [(0.0035, True), (0.005, False)])
-def test_a_skill_with_rotation_channels_has_a_quarter_of_a_degree(
-    predicted, stirring, angle, is_feasible
-):
-    """Of the braked arm itself, not of the difference to the one that is not braked."""
-
-    def change(motion, *, speed, **_):
-        motion.v[..., 3] = 0.96 * limits().speed[3]
-        motion.error[..., :3] = [0.0, 0.003, 0.0]
-        if speed is not None:
-            motion.error[..., :3] = [0.0, 0.0, angle]
-
-    predicted.change = change
-    found = CheckFeasibility(Scenario(), stirring)
-    assert found.is_feasible == is_feasible
+        text = "joints are braked, nearly singular or at their limits, and"
+        assert f"{text} the tool is off its path {words}" in found.verdict
 
 
 def test_speed_and_torque_of_an_arm_out_of_reach_are_not_judged(
@@ -596,7 +579,7 @@ def test_normal_force_that_braked_joints_disturb_is_refused(
         assert contact.stiffness == pytest.approx(1.25e4 * 0.006 / 0.015)
         assert q_posture.shape == motion.q.shape[2:]
         assert step == pytest.approx(predicted.asked[-1]["step"])
-        out = deviation_of(motion, force=4.9)
+        out = deviation_of(motion, force=1.9)
         if step < 0.12:  # Slower than tempo 0.83 nothing is braked.
             out.force[few(count, motion)] = -5.1
         return out
@@ -615,23 +598,42 @@ def test_normal_force_that_braked_joints_disturb_is_refused(
         assert found.suggested_tempo == pytest.approx(0.8)
 
 
+@pytest.mark.usefixtures("predicted")
 @pytest.mark.parametrize(
     ("force", "error", "is_off"),
     [(3.0, -3.1, 1), (3.0, -2.9, 0), (8.0, -4.9, 0), (8.0, -5.1, 1), (3.0, 5.1, 1)],
 )
 def test_contact_that_is_lost_counts_as_a_normal_force_that_is_off(
-    predicted, restless_skill, monkeypatch, force, error, is_off
+    restless_skill, deviate, force, error, is_off
 ):
-    monkeypatch.setattr(
-        board_reach,
-        "predict_deviation",
-        lambda _config, _limits, motion, *_, **__: deviation_of(motion, force=error),
-    )
-    predicted.change = fast(0.5, 40)
+    deviate(force=error)
     scenario = Scenario()
     scenario.press.force = force
     values = CheckFeasibility(scenario, restless_skill).values
     assert values["unsteady_fraction"] == is_off
+    assert values["force_error"] == pytest.approx(abs(error))
+
+
+@pytest.mark.usefixtures("predicted")
+@pytest.mark.parametrize(
+    ("has_force", "error", "is_feasible"),
+    [
+        (False, 3.9, True),
+        (False, -4.1, False),
+        (True, -0.24, True),
+        (True, 0.26, False),
+    ],
+)
+def test_a_normal_force_that_is_off_in_all_samples_is_refused(
+    restless_skill, deviate, has_force, error, is_feasible
+):
+    shown = demonstration(height=0.0, force=(12.0, 4.0))
+    pulsing = FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4).fit(shown)
+    deviate(force=error)
+    found = CheckFeasibility(Scenario(), pulsing if has_force else restless_skill)
+    assert found.is_feasible == is_feasible
+    if not is_feasible:
+        assert f"the normal force is off by {abs(error):.1f} N rms" in found.verdict
 
 
 @pytest.mark.parametrize(
@@ -656,16 +658,10 @@ def test_the_felt_bears_the_errors_of_poses_that_are_pressed(
 @pytest.mark.usefixtures("predicted")
 @pytest.mark.parametrize("shape", ["none", "plane"])
 @pytest.mark.parametrize(("tilt", "is_feasible"), [(0.24, True), (0.26, False)])
-def test_a_tool_that_braked_joints_turn_is_refused(
-    stirring, monkeypatch, shape, tilt, is_feasible
+def test_a_tool_that_joints_turn_is_refused(
+    stirring, deviate, shape, tilt, is_feasible
 ):
-    monkeypatch.setattr(
-        board_reach,
-        "predict_deviation",
-        lambda _config, _limits, motion, *_, **__: deviation_of(
-            motion, tilt=np.deg2rad(tilt)
-        ),
-    )
+    deviate(tilt=np.deg2rad(tilt))
     scenario = Scenario()
     scenario.board.shape = shape
     found = CheckFeasibility(scenario, stirring)
@@ -682,7 +678,8 @@ def test_a_skill_in_free_space_has_no_normal_force(predicted, restless_skill):
     scenario.board.shape = "none"
     predicted.change = fast(1.0, 40)
     values = CheckFeasibility(scenario, restless_skill).values
-    assert not {"unsteady_fraction", "push_deviation"} & set(values)
+    forces = {"unsteady_fraction", "force_error", "push_deviation"}
+    assert not forces & set(values)
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from fmp_drake.systems.impedance.joints import JointLimits, JointWallConfig
 
 # Iterations of the set of braked joints at a sample, and of the contact.
 _ITERATIONS = 3
-# Smallest mobility, 1/kg; it is zero at singularities.
-_LEAST = 1e-9
+# Smallest mobility, 1/kg; it is zero at singularities. Limit of a joint without limits, rad.
+_LEAST, _FAR = 1e-9, 1e9
 
 
 class Deviation(NamedTuple):
@@ -50,8 +50,9 @@ def predict_deviation(
     The deviations δ of the joints from the predicted motion q obey the closed loop about
     it, ``M δ̈ + (Jᵀ D J + 2 ζ ω N) δ̇ + (Jᵀ K J + ω² N) δ = τ + N (q̈ − a)`` with
     ``N = M − Jᵀ Λ J``. τ is the torque of `wall_torque` that brakes a joint above its
-    allowed speed. Near a singularity the law bounds Λ and accelerates the eraser too
-    little: N (q̈ − a), where a is the acceleration of the posture. K contains the felt
+    allowed speed and keeps it out of its limits. Near a singularity the law bounds Λ and accelerates the eraser too
+    little: N (q̈ − a), where a is the acceleration of the posture. The same holds where the
+    other joints should replace one at its limit. K contains the felt
     along the normal, as long as there is contact. An implicit Euler step leads from sample
     to sample. The controller of the normal force reduces the error, if enabled, and is
     assumed to keep the contact.
@@ -68,28 +69,33 @@ def predict_deviation(
     step : float
         Time from sample to sample, s.
     """
-    shape = motion.q.shape[:2]
+    shape, walls = motion.q.shape[:2], config.walls
     deviation = Deviation(np.zeros((*shape, 6)), np.zeros(shape))
-    slowest, fastest = _allowed_speeds(config.walls, limits, motion.q)
+    slowest, fastest = _allowed_speeds(walls, limits, motion.q)
     is_braked = np.any((motion.v < slowest) | (motion.v > fastest), axis=(1, 2))
     # As in `task_modes`: the trace of the scaled Λ is more than its largest eigenvalue.
     scale = _scale(config)
     mobility = motion.J @ np.linalg.solve(motion.M, motion.J.mT) * scale * scale.T
     inertia = np.trace(np.linalg.inv(mobility + _LEAST * np.eye(6)), axis1=-2, axis2=-1)
-    x = motion.q - limits.middle
-    at_wall = np.abs(x) >= limits.half_range - config.walls.width - 1e-6
+    x, edge = (
+        motion.q - limits.middle,
+        np.minimum(limits.half_range, _FAR) - walls.width,
+    )
+    at_wall = np.abs(x) >= edge - 1e-6
     paths = is_braked | np.any(inertia > config.max_effective_mass, axis=1)
     paths |= np.any(at_wall, axis=(1, 2))
     if not np.any(paths):
         return deviation
     M, J, v, q = motion.M[paths], motion.J[paths], motion.v[paths], motion.q[paths]
-    x, edge = x[paths], limits.half_range - config.walls.width
-    spring = 2 * limits.upper_effort / config.walls.width
-    slowest, fastest = slowest[paths], fastest[paths]
+    x, slowest, fastest = x[paths], slowest[paths], fastest[paths]
     damping, stiffness, N = _closed_loop(config, M, J, mobility[paths])
     missing = np.gradient(v, step, axis=1) - _posture(config, q_posture - q, v)
     missing = times(N, missing)
-    brake = np.diagonal(M, axis1=-2, axis2=-1) / config.walls.braking_time
+    brake = np.diagonal(M, axis1=-2, axis2=-1) / walls.braking_time
+    # As in `wall_torque`: at its end a spring has twice the strength of the motor.
+    strength = np.minimum(limits.upper_effort, -limits.lower_effort)
+    critical = brake * walls.width / (8 * walls.braking_time)
+    spring = np.where(np.isfinite(strength), strength, critical) * 2 / walls.width
     keeps_contact = config.force_control.enabled
     delta, speed = np.zeros((2, *v[:, 0].shape))
     is_closed = np.ones(len(v), dtype=bool)
@@ -108,7 +114,7 @@ def predict_deviation(
             torque = braked * (v[:, k] - allowed + before / step)
             torque += np.where(is_closed, 0.0, contact.force)[:, None] * normal
             depth = np.maximum(np.abs(x[:, k] - delta) - edge, 0.0)
-            wall = np.where(depth > 0, spring, 0.0)
+            wall = np.where(depth > 0, spring[:, k], 0.0)
             torque += wall * (x[:, k] - np.sign(x[:, k]) * edge)
             diagonal = np.eye(v.shape[-1]) * (braked / step + wall)[:, None]
             diagonal += is_closed[:, None, None] * felt

@@ -484,7 +484,7 @@ class _Check:
             values |= {"force_error": _rms(error), "unsteady_fraction": unsteady}
         if self._faults:
             return values
-        text, allowed = "", FORCE_TOLERANCE / 2
+        text, allowed = "", bounds.constant_force_error
         if np.ndim(self._force):
             allowed = bounds.force_error
         if has_rotation and turned > bounds.orientation_error:
