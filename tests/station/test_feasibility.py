@@ -182,7 +182,7 @@ def test_skill_whose_joints_are_braked_for_moments_is_accepted(bundled_skill):
 
 @pytest.mark.parametrize(
     ("number", "error", "is_feasible"),
-    [(23, 3.3, True), (19, 6.4, False)],
+    [(23, 3.4, True), (19, 7.2, False)],
 )
 def test_positions_that_are_missed_for_moments_are_judged_by_the_tracking_error(
     number, error, is_feasible
