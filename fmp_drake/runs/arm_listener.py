@@ -19,7 +19,7 @@ from fmp_drake.runs.real_time import WallClock
 from fmp_drake.station import LcmPanda, LoadRobot, Scenario
 from fmp_drake.station.robots.panda_lcm import OpenLcm, RawSerializer
 from fmp_drake.station.robots.robot import MakeRobotModel, Robot
-from fmp_drake.systems.interface.arm_model import ArmModel, joint_limits
+from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.panda.arm_status import (
     JOINTS,
     ArmReading,
@@ -72,7 +72,6 @@ def listen(
     """Yield the statuses of an arm, without sending anything.
 
     If several statuses are waiting, the last one is yielded.
-
 
     Parameters
     ----------
@@ -196,11 +195,7 @@ def _eraser_positions(
     scenario: Scenario, robot: Robot, states: Sequence[Array]
 ) -> Array:
     """Return p_BE on the assumed board, (N, 3), m, for states of an arm, (14,) each."""
-    model, context = (
-        ArmModel(robot.plant, robot.tip),
-        robot.plant.CreateDefaultContext(),
-    )
-    p_WE: Any = np.array([model.motion(context, state)[0][3] for state in states]).T
+    p_WE: Any = robot.tip_positions(np.array(states)[:, :JOINTS]).T
     return scenario.board.assumed_pose().inverse().multiply(p_WE).T
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
@@ -14,11 +13,7 @@ from fmp_drake.primitives.data.channels import POSITION_CHANNELS
 from fmp_drake.primitives.data.reading.columns import JOINT, NO_MEASURED_ANGLES
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.station import LoadRobot
-from fmp_drake.station.robots.robot import (
-    DEFAULT_ROBOT,
-    ListRobots,
-    MakeRobotModel,
-)
+from fmp_drake.station.robots.robot import DEFAULT_ROBOT, ListRobots, MakeRobotModel
 from fmp_drake.station.scenario_parts import EraserConfig
 
 _MARGIN = 0.05  # rad
@@ -28,14 +23,13 @@ def RobotJoints(
     demonstration: Demonstration,
     *,
     robot: str = DEFAULT_ROBOT,
-    plant: MultibodyPlant | None = None,
     needs_own_names: bool = False,
 ) -> list[str]:
     """Return the channels of a robot's joints in order, or an empty list.
 
-    It is empty, too, if several arms were recorded and not only one was measured.
+    It is also empty if several arms were recorded, unless only one of them was measured.
 
-    They have the names of the joints in the robot's URDF or in its YAML file, or are
+    The channels have the names of the joints in the robot's URDF or YAML file, or are
     numbered from 1 or 0: `iiwa_joint_1`, `joint1`, `q1`.
 
     Parameters
@@ -43,16 +37,14 @@ def RobotJoints(
     demonstration : Demonstration
     robot : str
         Name of a robot of the package, or its YAML file.
-    plant : MultibodyPlant, optional
-        Model of that robot, if there is one already.
     needs_own_names : bool
         Whether names that other robots share, such as `q1`, are refused.
     """
     config = LoadRobot(robot)
-    names = _joint_names(plant or MakeRobotModel(config).plant)
+    names = MakeRobotModel(config).joint_names
     if set(names) <= set(demonstration.channels):
         return names
-    # Channels by the number of the joint, for each name of an arm before it.
+    # Channels of each arm by the number of the joint; the arms by their names in the channels.
     arms: dict[str, dict[int, str]] = {}
     own = config.joint_prefixes
     others = (
@@ -85,7 +77,7 @@ def RobotJoints(
 
 
 def _has_word(prefix: str | None, words: Sequence[str]) -> bool:
-    """Return whether a prefix has one of some words, also with a number behind it."""
+    """Return whether a prefix contains one of the words, optionally with a number."""
     return any(
         re.fullmatch(re.escape(word) + r"\d*", part, re.IGNORECASE)
         for part in re.split(r"[\W_]+", prefix or "")
@@ -100,7 +92,7 @@ def FindRobot(demonstration: Demonstration, *, robot: str) -> str | None:
     ----------
     demonstration : Demonstration
     robot : str
-        The robot unless the names of the joints are those of another one of the package.
+        Returned unless the joints have names of their own of another robot of the package.
     """
     if RobotJoints(demonstration, robot=robot):
         return robot
@@ -108,12 +100,6 @@ def FindRobot(demonstration: Demonstration, *, robot: str) -> str | None:
         if RobotJoints(demonstration, robot=other, needs_own_names=True):
             return other
     return None
-
-
-def _joint_names(plant: MultibodyPlant) -> list[str]:
-    return plant.GetPositionNames(
-        add_model_instance_prefix=False, always_add_suffix=False
-    )
 
 
 def EraserPath(
@@ -158,13 +144,12 @@ def EraserPath(
     config = LoadRobot(robot)
     model = MakeRobotModel(config, eraser)
     plant = model.plant
-    joints = RobotJoints(demonstration, robot=robot, plant=plant)
+    joints = RobotJoints(demonstration, robot=robot)
     name = Path(robot).stem
     if not joints:
-        names = _joint_names(plant)
         raise DemonstrationError(
             f"the channels {', '.join(demonstration.channels)} are not the joints of "
-            f"{name}; expected {names[0]} to {names[-1]}."
+            f"{name}; expected {model.joint_names[0]} to {model.joint_names[-1]}."
         )
     angles = demonstration.select(joints).values
     lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
@@ -184,14 +169,9 @@ def EraserPath(
             f"{joints[i]} is {angles[sample, i]:.3g} in sample {sample}; joint {i + 1} "
             f"of {name} is limited to {lower[i]:.3g} to {upper[i]:.3g} rad. {advice}"
         )
-    context = plant.CreateDefaultContext()
-    path = np.empty((len(angles), 3))
-    for i, q in enumerate(angles):
-        plant.SetPositions(context, q)
-        path[i] = model.tip.CalcPoseInWorld(context).translation()
     return replace(
         demonstration,
-        values=path,
+        values=model.tip_positions(angles),
         channels=POSITION_CHANNELS,
         units=("m", "m", "m"),
         frame=config.base,

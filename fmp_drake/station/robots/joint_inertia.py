@@ -13,9 +13,9 @@ from fmp_drake.station.robots.robot import Robot
 from fmp_drake.systems import ImpedanceConfig
 from fmp_drake.systems.interface.arm_model import joint_limits
 
-# Reflected inertias that are tried for the message of an error, kg m², and the estimate for
+# Candidates for the reflected inertia that an error recommends, kg m², and the estimate for
 # each joint of the iiwa and the UR5e.
-_TRIED, _USUAL = np.geomspace(1e-4, 10.0, 101), 0.1
+_CANDIDATES, _TYPICAL = np.geomspace(1e-4, 10.0, 101), 0.1
 
 
 def stability_ratio(stiffness: ArrayLike, damping: ArrayLike, period: float) -> Array:
@@ -90,7 +90,7 @@ def CheckJointInertia(robot: Robot, config: ImpedanceConfig) -> None:
     if np.max(ratios) < 1:
         return
     i, motors = int(np.argmax(ratios)), np.eye(len(M))
-    for needed in _TRIED:
+    for needed in _CANDIDATES:
         if np.max(_ratios(config, M + needed * motors, J, effort)) < 1:
             break
     else:
@@ -98,15 +98,12 @@ def CheckJointInertia(robot: Robot, config: ImpedanceConfig) -> None:
             f"impedance.control_period is {config.control_period:g} s; with it no arm is "
             "stable in its springs. Choose a shorter one."
         )
-    names = plant.GetPositionNames(
-        add_model_instance_prefix=False, always_add_suffix=False
-    )
     raise StationError(
-        f"{names[i]} of {Path(robot.config.model).name} has an inertia of only "
+        f"{robot.joint_names[i]} of {Path(robot.config.model).name} has an inertia of only "
         f"{1 / np.linalg.inv(M)[i, i]:.2g} kg m². The controller's springs would make it "
         f"oscillate at a control period of {config.control_period:g} s. Give the inertia of "
         f"the motors as seen at the joints, at least {needed:.2g} kg m², in the robot's YAML "
-        f"file: reflected_inertia: [{max(_USUAL, needed):.2g}]"
+        f"file: reflected_inertia: [{max(_TYPICAL, needed):.2g}]"
     )
 
 

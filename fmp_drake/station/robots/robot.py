@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Box, Capsule, CollisionFilterDeclaration, Role, SceneGraph
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -34,8 +34,8 @@ Tool = EraserConfig | str
 """An eraser, `spoon`, or a model file (SDF or URDF) with the frames `mount` and `tip`."""
 
 _TOOL = "tool"  # Name of the tool's bodies in a group of `contact_free`.
-# Compliant geometry, and angles of the spheres at a cylinder's rims.
-_FELT = "eraser::felt"
+_FELT = "eraser::felt"  # Compliant geometry, which has no spheres.
+# Of the spheres at the rims of a cylinder, rad.
 _RIM_ANGLES = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
 
 
@@ -131,6 +131,25 @@ class Robot:
         """Joint angles in the plant's default Context, shape (n,), rad."""
         return self.plant.GetDefaultPositions(self.arm)
 
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the joints in the arm's model; the plant is that of `MakeRobotModel`."""
+        return self.plant.GetPositionNames(
+            add_model_instance_prefix=False, always_add_suffix=False
+        )
+
+    def tip_positions(self, angles: ArrayLike) -> Array:
+        """Return p_WE, shape (N, 3), m, for joint angles (N, n), rad.
+
+        The plant is that of `MakeRobotModel`.
+        """
+        context = self.plant.CreateDefaultContext()
+        positions = []
+        for q in np.asarray(angles):
+            self.plant.SetPositions(context, q)
+            positions.append(self.tip.CalcPoseInWorld(context).translation())
+        return np.array(positions)
+
 
 def ListRobots() -> list[str]:
     """Return the names of the robots that come with the package."""
@@ -167,7 +186,7 @@ def LoadRobot(robot: str | Path) -> RobotConfig:
 
 @lru_cache(maxsize=8)
 def _ReadRobot(text: str) -> RobotConfig:
-    """Parse the text of a robot's file. A station asks three times; parsing takes 6 ms."""
+    """Parse the text of a robot's file, in 6 ms. A station loads its robot three times."""
     config: RobotConfig = load_settings(RobotConfig, text)
     _CheckRobot(config)
     return config
