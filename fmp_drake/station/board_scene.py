@@ -20,7 +20,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, Sine
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.numeric import finite_array
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.models.whiteboard import AddWhiteboard, FilterHull
 from fmp_drake.station.reach.posture import SolvePosture
@@ -33,11 +33,11 @@ from fmp_drake.station.robots.robot import (
     Robot,
 )
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.station.scenario_parts import BoardConfig
+from fmp_drake.station.scenario_parts import BoardConfig, in_one_line
 from fmp_drake.systems.joint_friction import JointFriction
 from fmp_drake.systems.surface.surface import Surface
 
-# The servo of a moving board: its natural frequency, rad/s.
+# Natural frequency of the servo that moves a board, rad/s.
 _SERVO = 120.0
 
 
@@ -129,7 +129,8 @@ def AddBoardScene(
     model = MakeRobotModel(config, scenario.held_tool())
     CheckJointInertia(model, scenario.impedance)
     if simulated:
-        plant, scene_graph = _AddPlant(builder, scenario)
+        with in_one_line("the scenario's plant cannot be built"):
+            plant, scene_graph = AddMultibodyPlant(scenario.plant, builder)
     else:
         plant, scene_graph = MultibodyPlant(time_step=0.0), SceneGraph()
         plant.RegisterAsSourceForSceneGraph(scene_graph)
@@ -212,18 +213,6 @@ def _Mount(
     plant.AddJointActuator("rail", rail).set_controller_gains(
         PdControllerGains(p=mass * _SERVO**2, d=2 * mass * _SERVO)
     )
-
-
-def _AddPlant(
-    builder: DiagramBuilder, scenario: Scenario
-) -> tuple[MultibodyPlant, SceneGraph]:
-    time_step = scenario.plant.time_step
-    check_number(time_step, "plant.time_step", least=0, unit="s", error=StationError)
-    try:
-        plant, scene_graph = AddMultibodyPlant(scenario.plant, builder)
-    except RuntimeError as error:
-        raise StationError(f"the scenario's plant cannot be built: {error}.") from None
-    return plant, scene_graph
 
 
 def _AddRail(

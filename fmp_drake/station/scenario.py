@@ -31,7 +31,7 @@ from fmp_drake.systems import FrictionConfig, ImpedanceConfig
 from fmp_drake.systems.scripted_disturbances import Disturbance
 from fmp_drake.systems.surface.surface import place, rotation
 
-# More cells would fill the memory; with a shorter step, s, a run would never end.
+# More cells would exhaust the memory. With a shorter time step, s, a run would take forever.
 _MOST_CELLS, _SHORTEST_STEP = 4e6, 1e-5
 
 
@@ -145,9 +145,10 @@ class Scenario:
                 f"ink.cell is {self.ink.cell:g} m, and the board has {cells:.2g} cells; at "
                 f"most {_MOST_CELLS:.2g} are drawn and wiped."
             )
-        if 0 < self.plant.time_step < _SHORTEST_STEP:
+        step = self.plant.time_step
+        if step != 0 and not _SHORTEST_STEP <= step < math.inf:
             return (
-                f"plant.time_step is {self.plant.time_step:g} s; expected 0, or at least "
+                f"plant.time_step is {step:g} s; expected 0, or at least "
                 f"{_SHORTEST_STEP:g} s."
             )
         n = len(LoadRobot(self.robot).posture)

@@ -28,7 +28,7 @@ from fmp_drake.systems.surface.surface import Surface
 FORCE_TOLERANCE = 5.0
 """Tolerance of the normal force around its desired value, N."""
 
-# Curvatures along x and y of B, of a radius of 1 m; a cylinder's are those along `axis`.
+# Curvatures along x and y of B for a radius of 1 m. A cylinder is straight along its `axis`.
 _SHAPES = {
     "plane": (0.0, 0.0),
     "cylinder": (1.0, 1.0),
@@ -40,7 +40,7 @@ _SHAPES = {
 
 @contextmanager
 def in_one_line(what: str, hint: str = "") -> Iterator[None]:
-    """Raise an error of the block, of a file or of Drake, as a `StationError`.
+    """Convert an error of the block to a `StationError` with a message of one line.
 
     Parameters
     ----------
@@ -507,7 +507,7 @@ def _check_types(value: Any, default: Any, name: str = "") -> None:
         raise StationError(f"{name} is {shown(value)}; expected {expected}.")
 
 
-# Items of lists that are empty by default; of all others they are numbers.
+# Items of lists that are empty by default; other lists contain numbers.
 _ITEMS: dict[str, Any] = {"disturbances": Disturbance(), "contact_free": [""]}
 _ITEMS |= dict.fromkeys(("joint_names", "joint_prefixes"), "")
 _EXPECTED = {bool: "true or false", str: "text", type(None): "a number or null"}

@@ -101,12 +101,10 @@ class LcmPanda(Driver):
             period=self.gate.period,
         )
         builder.AddSystem(command)
-        for port, name in (
-            (status.get_output_port(), "status"),
-            (command.GetOutputPort("command"), "command"),
-            (command.GetOutputPort("count"), "command_count"),
-        ):
-            builder.Connect(port, gate.GetInputPort(name))
+        builder.Connect(status.get_output_port(), gate.GetInputPort("status"))
+        builder.Connect(command.GetOutputPort("command"), gate.GetInputPort("command"))
+        count = command.GetOutputPort("count")
+        builder.Connect(count, gate.GetInputPort("command_count"))
         for name in ("torque", "wall_time", "go"):
             builder.ExportInput(gate.GetInputPort(name), name)
         for i in range(gate.num_output_ports()):
@@ -196,10 +194,8 @@ def OpenLcm(url: str) -> DrakeLcm:
     StationError
         If the bus cannot be opened; the message contains the reason.
     """
-    try:
+    with in_one_line(f"there is no bus {url!r}"):
         return DrakeLcm(url)
-    except RuntimeError as error:
-        raise StationError(f"there is no bus {url!r}: {error}.") from None
 
 
 class RawSerializer(SerializerInterface):
