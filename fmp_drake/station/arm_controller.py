@@ -74,18 +74,14 @@ def AddArmController(
     builder.Connect(diagram.GetOutputPort("state"), controller.GetInputPort("state"))
     if not scene.is_simulated:
         return controller
-    for source, name in (
-        (plant.get_state_output_port(scene.robot.arm), "plant_state"),
-        (
-            plant.get_generalized_contact_forces_output_port(scene.robot.arm),
-            "plant_external",
-        ),
-    ):
-        builder.Connect(source, diagram.GetInputPort(name))
+    arm = scene.robot.arm
     builder.Connect(
-        diagram.GetOutputPort("plant_actuation"),
-        plant.get_actuation_input_port(scene.robot.arm),
+        plant.get_state_output_port(arm), diagram.GetInputPort("plant_state")
     )
+    external = plant.get_generalized_contact_forces_output_port(arm)
+    builder.Connect(external, diagram.GetInputPort("plant_external"))
+    actuation = plant.get_actuation_input_port(arm)
+    builder.Connect(diagram.GetOutputPort("plant_actuation"), actuation)
     _AddBoardFrame(builder, scene, controller)
     return controller
 
@@ -113,7 +109,7 @@ def _AddBoardFrame(
 ) -> None:
     """Connect the measured and planned motion of a board on a rail to the controller.
 
-    On a curved board the frame moves over it, too: `AddSkillMotion` connects it.
+    On a curved board the frame also moves over the board: `AddSkill` connects it.
     """
     if scene.rail is None or scene.whiteboard is None:
         return

@@ -138,8 +138,9 @@ def ContactHeight(scenario: Scenario, skill: FourierMovementPrimitive | None) ->
     """Return the height over the board up to which a skill presses with its whole force, m.
 
     A recorded tool that was never higher than `press.engage_height` was always in contact:
-    the hand only pressed more or less. Samples of one that was lifted may mix heights of
-    both. Then the height is `engage_height` if a force channel tells where to press, else 0.
+    the hand only pressed with more or less force. Samples of a recording with lifts may mix
+    heights in contact and in the air. For these the height is `engage_height` if a force
+    channel determines where to press, and otherwise 0.
     """
     if skill is None or not skill.paths_:
         return 0.0
@@ -212,7 +213,7 @@ def AddSkill(
         soft_start=True,
     )
     builder.AddSystem(primitive)
-    # One evaluation of the motion for all of its parts.
+    # The motion is evaluated once for position, velocity and acceleration.
     desired: Any = builder.AddNamedSystem("desired_motion", Demultiplexer([3, 3, 3]))
     position = controller.GetOutputPort("measured_position")
     force = controller.GetInputPort("desired_normal_force")
@@ -239,9 +240,8 @@ def AddSkill(
             rows = [i * d + j for i in roles.position for j in roles.position]
             covariance = _Select(builder, "position_covariance", covariance, rows)
         if roles.force is not None:
-            if measured.normal_force is not None:
-                port = task.GetInputPort("normal_force")
-                builder.Connect(measured.normal_force, port)
+            port = task.GetInputPort("normal_force")
+            builder.Connect(measured.normal_force, port)
             largest_force = max(float(skill.extent_[1, roles.force]), 0.0)
             demonstrated = parts["desired_normal_force"]
             force = _AddForceChannel(builder, scene, demonstrated, force, largest_force)

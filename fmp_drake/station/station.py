@@ -207,9 +207,8 @@ def MakeStation(
                 meshcat=meshcat,
                 demonstrated=demonstrated,
             )
-    if measured.normal_force is not None:
-        # The controller uses it if its configuration enables force control.
-        builder.Connect(measured.normal_force, controller.GetInputPort("normal_force"))
+    # The controller uses it if its configuration enables force control.
+    builder.Connect(measured.normal_force, controller.GetInputPort("normal_force"))
     name = "arm_station"
     if playback is not None and scene.is_simulated:
         name = "wiping_station"
@@ -308,7 +307,7 @@ def _ExportArm(
     driver: System,
     playback: Playback | None,
 ) -> None:
-    """Export the inputs and outputs of an arm that nothing in the station commands."""
+    """Export the inputs and outputs of an arm that is operated from outside the station."""
     force = controller.GetInputPort("desired_normal_force")
     inputs: list[tuple[System, str]] = [(driver, "wall_time"), (driver, "go")]
     if playback is None:

@@ -1,7 +1,7 @@
 """Drivers: the interface between an arm and its controller."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -85,17 +85,12 @@ class SimulatedDriver(Driver):
     ) -> None:
         """Add systems gravity_compensation and actuation, and sensors with a rate."""
         n = arm.num_velocities()
-        inputs = {}
-        for name, size in (
-            ("torque", n),
-            ("plant_state", 2 * n),
-            ("plant_external", n),
-        ):
-            inputs[name] = builder.AddNamedSystem(name, PassThrough(size))
-            builder.ExportInput(inputs[name].get_input_port(), name)
-        torque, state, external = (
-            system.get_output_port() for system in inputs.values()
-        )
+        sizes, inputs = {"torque": n, "plant_state": 2 * n, "plant_external": n}, []
+        for name, size in sizes.items():
+            system = builder.AddNamedSystem(name, PassThrough(size))
+            builder.ExportInput(system.get_input_port(), name)
+            inputs.append(system.get_output_port())
+        torque, state, external = inputs
         compensation = InverseDynamics(
             arm, InverseDynamics.InverseDynamicsMode.kGravityCompensation
         )
@@ -108,16 +103,8 @@ class SimulatedDriver(Driver):
         )
         measured, sensors = state, self.sensors
         if sensors.rate > 0:
-            model = builder.AddSystem(
-                SensorModel(
-                    initial=np.concatenate([initial, np.zeros(n)]),
-                    rate=sensors.rate,
-                    delay=sensors.delay,
-                    position_noise=sensors.position_noise,
-                    velocity_noise=sensors.velocity_noise,
-                    seed=sensors.seed,
-                )
-            )
+            at_rest = np.concatenate([initial, np.zeros(n)])
+            model = builder.AddSystem(SensorModel(initial=at_rest, **asdict(sensors)))
             builder.Connect(state, model.get_input_port())
             measured = model.get_output_port()
         builder.ExportOutput(torque, "plant_actuation")

@@ -17,7 +17,7 @@ class Measurements:
     ----------
     status : OutputPort
         Of the controller, with the flags that the task adds.
-    normal_force : OutputPort or None
+    normal_force : OutputPort
         Of the tool on the surface, N.
     ink : OutputPort or None
         Remaining ink, for the selection of samples.
@@ -26,7 +26,7 @@ class Measurements:
     """
 
     status: OutputPort
-    normal_force: OutputPort | None = None
+    normal_force: OutputPort
     ink: OutputPort | None = None
     ink_board: InkBoard | None = None
 

@@ -1,5 +1,7 @@
 """The task of wiping a board: its ink, its surface, and the normal force on it."""
 
+from dataclasses import replace
+
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder
@@ -10,6 +12,7 @@ from fmp_drake.station.board_scene import BoardScene
 from fmp_drake.station.models.whiteboard import BoardBox
 from fmp_drake.station.robots.robot import CollectCollisionSpheres
 from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.tasks.following import Following
 from fmp_drake.station.tasks.task import Measurements, Task
 from fmp_drake.systems import InkBoard, InkGrid
 from fmp_drake.systems.impedance.controller_status import STATUS_SIZE
@@ -45,34 +48,32 @@ class Wiping(Task):
         driver: System,
     ) -> Measurements:
         """Add ink_board and surface_monitor, or wiped_area; export their outputs."""
-        status, scenario = controller.GetOutputPort("status"), scene.scenario
+        scenario = scene.scenario
         if not scene.is_simulated:
-            force = AddNormalForceEstimator(builder, scene, driver)
-            builder.ExportOutput(force, "normal_force")
-            builder.ExportOutput(status, "status")
-            remaining_ink = None
-            if scenario.skill.candidates > 1:
-                x, y = scenario.eraser.footprint
-                system = builder.AddSystem(
-                    WipedArea(BoardGrid(scenario), footprint=(x, y))
-                )
-                position = controller.GetOutputPort("measured_position")
-                builder.Connect(position, system.GetInputPort("measured_position"))
-                builder.Connect(force, system.GetInputPort("normal_force"))
-                remaining_ink = system.get_output_port()
-            return Measurements(status=status, normal_force=force, ink=remaining_ink)
-        ink = AddInk(builder, scene)
-        for i in range(ink.num_output_ports()):
-            port = ink.get_output_port(i)
+            measured = Following().AddTo(
+                builder, scene, controller=controller, driver=driver
+            )
+            if scenario.skill.candidates == 1:
+                return measured
+            x, y = scenario.eraser.footprint
+            ink = builder.AddSystem(WipedArea(BoardGrid(scenario), footprint=(x, y)))
+            position = controller.GetOutputPort("measured_position")
+            builder.Connect(position, ink.GetInputPort("measured_position"))
+            builder.Connect(measured.normal_force, ink.GetInputPort("normal_force"))
+            return replace(measured, ink=ink.get_output_port())
+        ink_board = AddInk(builder, scene)
+        for i in range(ink_board.num_output_ports()):
+            port = ink_board.get_output_port(i)
             builder.ExportOutput(port, port.get_name())
-        force = ink.GetOutputPort("normal_force")
+        force = ink_board.GetOutputPort("normal_force")
         if scenario.press.by_torque:
             force = AddNormalForceEstimator(builder, scene, driver)
+        status = controller.GetOutputPort("status")
         return Measurements(
             status=AddSurfaceMonitor(builder, scene, status),
             normal_force=force,
-            ink=ink.GetOutputPort("ink"),
-            ink_board=ink,
+            ink=ink_board.GetOutputPort("ink"),
+            ink_board=ink_board,
         )
 
 
