@@ -28,7 +28,8 @@ from fmp_drake.systems.teaching.hand_motion import MAX_TURN_RATE
 from fmp_drake.systems.teaching.mouse_drag import GUIDING_DRAG, BoardSurface
 
 _PORT = "applied_spatial_force"
-# Of Drake's spring: its ratio of damping to stiffness is 1 / sqrt of this, 0.1 s.
+# Stiffness of Drake's mouse spring per unit of mass, 1/s². The ratio of its damping to its
+# stiffness is the inverse of the square root, 0.1 s.
 _SPECIFIC_STIFFNESS = 100.0
 
 
@@ -109,60 +110,11 @@ def AddMousePull(
         If the plant's port is already connected.
     """
     hand = MouseHand(plant, specific_stiffness=_SPECIFIC_STIFFNESS)
-    _Connect(builder, hand, plant, scene_graph, meshcat)
+    _ConnectMouse(builder, hand, plant, scene_graph, meshcat)
     return hand.GetOutputPort("spatial_forces")
 
 
-def AddMouseHand(
-    builder: DiagramBuilder, scene: BoardScene, meshcat: Meshcat
-) -> MouseHand:
-    """Add a mouse that guides the eraser over the board.
-
-    A drag of the eraser or of any link moves the eraser parallel to the board, slower on a
-    curved board, where the tool turns. After the drag the hand holds the position. On
-    Meshcat's own page a drag needs the Ctrl key. Systems: meshcat_mouse_spring (Drake's),
-    mouse_hand.
-
-    Parameters
-    ----------
-    builder : DiagramBuilder
-    scene : BoardScene
-        The applied_spatial_force port of its plant is not connected yet; the caller
-        connects the hand's port to it.
-    meshcat : Meshcat
-        With ``?tracked_camera=on`` in its address it sends the pose of its camera;
-        otherwise the scenario's is assumed.
-    """
-    scenario, plant, curvature = scene.scenario, scene.plant, scene.curvature
-    free = np.array(scenario.board.size) - scenario.eraser.footprint
-    robot, config = scene.robot, GUIDING_DRAG
-    if not curvature.is_plane:
-        greatest = max(abs(curvature.kx), abs(curvature.ky))
-        speed = min(config.max_speed, MAX_TURN_RATE / greatest)
-        config = replace(config, max_speed=speed)
-    hand = MouseHand(
-        plant,
-        meshcat=meshcat,
-        specific_stiffness=_SPECIFIC_STIFFNESS,
-        config=config,
-        bodies=[i for m in (robot.arm, robot.tool) for i in plant.GetBodyIndices(m)],
-        tip=robot.tip,
-        board=BoardSurface(
-            scene.X_WB.GetAsMatrix34(),
-            free / 2,
-            curvature,
-            is_solid=scenario.has_board,
-        ),
-        R_WE=None
-        if scenario.has_board
-        else scene.X_WB.rotation() @ scenario.eraser_orientation(),
-        eye=scenario.camera.eye,
-    )
-    _Connect(builder, hand, plant, scene.scene_graph, meshcat)
-    return hand
-
-
-def _Connect(
+def _ConnectMouse(
     builder: DiagramBuilder,
     hand: MouseHand,
     plant: MultibodyPlant,
@@ -194,7 +146,7 @@ def _Connect(
             "first, and connect the sum of all forces afterwards."
         )
     spring = builder.GetSystems()[-1]
-    # Drake connects it to the plant; the hand comes in between.
+    # Drake connects it to the plant; insert the hand between them.
     builder.Disconnect(spring.get_output_port(), plant.GetInputPort(_PORT))
     builder.AddSystem(hand)
     builder.Connect(spring.get_output_port(), hand.GetInputPort("spring"))
@@ -264,10 +216,8 @@ class SimulatedHand:
     def start(self) -> list[float]:
         """Start of the motion; just above the board if the motion has no height."""
         values, _ = self.motion.at(0.0)
-        x, y = (float(value) for value in values[:2])
-        has_height = "z" in self.motion.channels
-        z = float(values[self.motion.channels.index("z")]) if has_height else 0.005
-        return [x, y, z]
+        start = dict(zip(self.motion.channels, values.tolist(), strict=True))
+        return [start["x"], start["y"], start.get("z", 0.005)]
 
     def recorded(self, scenario: Scenario) -> tuple[str, ...]:  # noqa: ARG002
         """Return the outputs of the teaching station to record beside the position."""
@@ -306,9 +256,15 @@ class SimulatedHand:
 class MouseOnPage:
     """Hand guiding by the mouse on a page.
 
+    A drag of the eraser or of any link moves the eraser parallel to the board, slower on a
+    curved board, where the tool turns. After the drag the hand holds the position. On
+    Meshcat's own page a drag needs the Ctrl key.
+
     Attributes
     ----------
     meshcat : Meshcat
+        With ``?tracked_camera=on`` in its address it sends the pose of its camera;
+        otherwise the scenario's is assumed.
 
     Examples
     --------
@@ -331,8 +287,34 @@ class MouseOnPage:
     def AddTo(
         self, builder: DiagramBuilder, scene: BoardScene
     ) -> tuple[OutputPort, OutputPort]:
-        """Add mouse_hand."""
-        hand = AddMouseHand(builder, scene, self.meshcat)
+        """Add meshcat_mouse_spring (Drake's) and mouse_hand."""
+        scenario, plant, curvature = scene.scenario, scene.plant, scene.curvature
+        free = np.array(scenario.board.size) - scenario.eraser.footprint
+        robot, config, R_WE = scene.robot, GUIDING_DRAG, None
+        if not curvature.is_plane:
+            greatest = max(abs(curvature.kx), abs(curvature.ky))
+            speed = min(config.max_speed, MAX_TURN_RATE / greatest)
+            config = replace(config, max_speed=speed)
+        if not scenario.has_board:
+            R_WE = scene.X_WB.rotation() @ scenario.eraser_orientation()
+        models = (robot.arm, robot.tool)
+        hand = MouseHand(
+            plant,
+            meshcat=self.meshcat,
+            specific_stiffness=_SPECIFIC_STIFFNESS,
+            config=config,
+            bodies=[i for model in models for i in plant.GetBodyIndices(model)],
+            tip=robot.tip,
+            board=BoardSurface(
+                scene.X_WB.GetAsMatrix34(),
+                free / 2,
+                curvature,
+                is_solid=scenario.has_board,
+            ),
+            R_WE=R_WE,
+            eye=scenario.camera.eye,
+        )
+        _ConnectMouse(builder, hand, plant, scene.scene_graph, self.meshcat)
         return hand.GetOutputPort("spatial_forces"), hand.GetOutputPort("is_guided")
 
 

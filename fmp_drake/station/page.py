@@ -162,7 +162,16 @@ def AddPage(
     _AddPaths(builder, scene, playback, meshcat, demonstrated)
     controls = pull = None
     if show.controls:
-        controls = _AddControls(builder, scene, playback, meshcat)
+        scenario, primitive = scene.scenario, playback.primitive
+        controls = PageControls(
+            meshcat,
+            tempo=scenario.skill.tempo,
+            press_force=scenario.press.force if scenario.has_board else None,
+            sample=primitive.player.sample,
+        )
+        builder.AddSystem(controls)
+        sample = controls.GetOutputPort("sample")
+        builder.Connect(sample, primitive.GetInputPort("sample"))
     if show.force and scene.is_simulated and scene.whiteboard is not None:
         name = "contact_results"
         arrow = ForceArrow(plant, body=scene.robot.tip.body(), meshcat=meshcat)
@@ -185,22 +194,6 @@ def _AddMeasuredPoses(
     builder.Connect(state, poses.get_input_port())
     source = scene_graph.get_source_pose_port(scene.plant.get_source_id())
     builder.Connect(poses.get_output_port(), source)
-
-
-def _AddControls(
-    builder: DiagramBuilder, scene: BoardScene, playback: Playback, meshcat: Meshcat
-) -> PageControls:
-    """Add the sliders of a page: system page_controls."""
-    scenario, primitive = scene.scenario, playback.primitive
-    controls = PageControls(
-        meshcat,
-        tempo=scenario.skill.tempo,
-        press_force=scenario.press.force if scenario.has_board else None,
-        sample=primitive.player.sample,
-    )
-    builder.AddSystem(controls)
-    builder.Connect(controls.GetOutputPort("sample"), primitive.GetInputPort("sample"))
-    return controls
 
 
 def _AddPaths(
@@ -361,10 +354,8 @@ def SetStage(meshcat: Meshcat, *, eye: ArrayLike, target: ArrayLike) -> None:
     StationError
         If the direction of the view is undefined or vertical.
     """
-    eye, target = (
-        finite_array(point, f"the camera's {name}", (3,), error=StationError)
-        for name, point in (("eye", eye), ("target", target))
-    )
+    eye = finite_array(eye, "the camera's eye", (3,), error=StationError)
+    target = finite_array(target, "the camera's target", (3,), error=StationError)
     R_WC = CameraAxes(eye, target)
     meshcat.SetProperty("/Background", "top_color", list(_SKY))
     meshcat.SetProperty("/Background", "bottom_color", list(_GROUND))
