@@ -15,7 +15,7 @@ from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 from fmp_drake.errors import RunError
 from fmp_drake.numeric import Array
 from fmp_drake.runs.log import Samples
-from fmp_drake.runs.metrics import ForceMetrics, Metrics, ink_metrics
+from fmp_drake.runs.metrics import ForceMetrics, ink_metrics
 from fmp_drake.runs.real_time import WallClock, age_metrics, uninterrupted
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station import AddBoardScene, AddInk, LcmPanda, Scenario
@@ -189,7 +189,7 @@ class ArmBench:
         self._is_guided = hand is not None
         self._has_board = scene.whiteboard is not None
         if self._has_board:
-            self._add_ink(builder, scene, scenario, demonstrated)
+            self._add_ink(builder, scene, demonstrated)
         bus = LcmInterfaceSystem(lcm)
         builder.AddSystem(bus)
         command = LcmSubscriberSystem(
@@ -198,16 +198,11 @@ class ArmBench:
             lcm=bus,
         )
         builder.AddNamedSystem("command", command)
-        builder.ExportInput(plant.get_actuation_input_port(scene.robot.arm), "torque")
-        for port, name in (
-            (plant.get_state_output_port(scene.robot.arm), "state"),
-            (
-                plant.get_generalized_contact_forces_output_port(scene.robot.arm),
-                "external",
-            ),
-            (command.get_output_port(), "command"),
-        ):
-            builder.ExportOutput(port, name)
+        builder.ExportInput(plant.get_actuation_input_port(self.arm), "torque")
+        builder.ExportOutput(plant.get_state_output_port(self.arm), "state")
+        external = plant.get_generalized_contact_forces_output_port(self.arm)
+        builder.ExportOutput(external, "external")
+        builder.ExportOutput(command.get_output_port(), "command")
         self._diagram = builder.Build()
         self._arm = scene.model.plant
         self._arm_context = scene.model.plant.CreateDefaultContext()
@@ -221,13 +216,9 @@ class ArmBench:
         self.ages: list[float] = []
 
     def _add_ink(
-        self,
-        builder: DiagramBuilder,
-        scene: BoardScene,
-        scenario: Scenario,
-        demonstrated: Sequence[Array],
+        self, builder: DiagramBuilder, scene: BoardScene, demonstrated: Sequence[Array]
     ) -> None:
-        ink = AddInk(builder, scene)
+        ink, scenario = AddInk(builder, scene), scene.scenario
         self._grid, self._initial_ink = ink.grid, ink.initial_ink
         x, y = scenario.eraser.footprint
         self._area = ink.grid.swept_by(demonstrated, (x, y))
@@ -269,8 +260,7 @@ class ArmBench:
                 force = self.output("normal_force").copy()
                 now = np.array([self._ticks * PERIOD])
                 self._force.update({"normal_force": Samples(now, force[None])})
-            speed = float(np.max(np.abs(state[JOINTS:])))
-            self._largest_speed = max(self._largest_speed, speed)
+            self._largest_speed = max(self._largest_speed, self._speed())
         self._ticks += 1
         self.simulator.AdvanceTo(self._ticks * PERIOD)
         self._send(self._status(external, wall_time).encode(), wall_time)
@@ -304,31 +294,31 @@ class ArmBench:
 
     def metrics(self) -> dict[str, Any]:
         """Return the metrics of the arm: its commands, and at a board ink and contact."""
-        board_metrics: Metrics = {}
+        seconds, board_metrics = self._ticks * PERIOD, {}
         if self._has_board:
             shape = self._grid.shape
-            board_metrics = (
-                ink_metrics(
-                    ink=self.output("ink").reshape(shape),
-                    initial_ink=self._initial_ink,
-                    erase_time=self.output("erase_time").reshape(shape),
-                    area=self._area,
-                    grid=self._grid,
-                    seconds=self._ticks * PERIOD,
-                )
-                | self._force.result()
+            board_metrics = ink_metrics(
+                ink=self.output("ink").reshape(shape),
+                initial_ink=self._initial_ink,
+                erase_time=self.output("erase_time").reshape(shape),
+                area=self._area,
+                grid=self._grid,
+                seconds=seconds,
             )
+            board_metrics |= self._force.result()
         return {
-            "seconds": self._ticks * PERIOD,
+            "seconds": seconds,
             **{f"{key.name.lower()}_ms": n for key, n in self.reactions.items()},
             **age_metrics("command_age", self.ages),
             "torque_rate_max_nm_per_s": self.torque_rate,
             "joint_speed_max_rad_per_s": self._largest_speed,
-            "joint_speed_end_rad_per_s": float(
-                np.max(np.abs(self.output("state")[JOINTS:]))
-            ),
+            "joint_speed_end_rad_per_s": self._speed(),
             **board_metrics,
         }
+
+    def _speed(self) -> float:
+        """Return the speed of the fastest joint, rad/s."""
+        return float(np.max(np.abs(self.output("state")[JOINTS:])))
 
     def _status(self, external: Any, wall_time: float) -> Any:
         state = self.output("state")

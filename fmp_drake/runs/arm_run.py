@@ -47,6 +47,8 @@ class ArmRun(StationRun):
 
     Attributes
     ----------
+    desired_force : float
+        Desired normal force during playback, N.
     ages : list of float
         Age of the status at each step with an open gate, s.
     late, skipped : float
@@ -77,7 +79,7 @@ class ArmRun(StationRun):
         self._config = config
         self.period = config.gate.period
         super().__init__(scenario, skill, driver=config, lcm=self._lcm, **options)
-        self._tempo, self._force = scenario.skill.tempo, scenario.nominal_force()
+        self._tempo, self.desired_force = scenario.skill.tempo, scenario.nominal_force()
         self._has_controls = self.station.HasOutputPort("page_tempo")
         self._ticks, self._go, self._enable_time = 0, 0, np.inf
         self.ages: list[float] = []
@@ -106,11 +108,6 @@ class ArmRun(StationRun):
         return GateMode(int(self.output("mode")[0]))
 
     @property
-    def desired_force(self) -> float:
-        """Desired normal force during playback, N."""
-        return self._force
-
-    @property
     def faults(self) -> GateFault:
         """Reasons for the gate's last stop."""
         return GateFault(int(self.output("faults")[0]))
@@ -135,15 +132,17 @@ class ArmRun(StationRun):
             self._set_input("go", float(self._go))
         self._ticks += 1
         self.simulator.AdvanceTo(self._ticks * self.period)
-        mode, checks_controls = self.mode, self._ticks % _CONTROL_STEPS == 0
+        mode = self.mode
         is_open = mode is GateMode.OPEN
-        if checks_controls and self._has_controls:
+        reads_controls = self._has_controls and self._ticks % _CONTROL_STEPS == 0
+        if reads_controls:
             self._tempo = float(self.output("page_tempo")[0])
             if self.station.HasOutputPort("page_press_force"):
-                self._force = float(self.output("page_press_force")[0])
-        if mode is not self._last_mode or (checks_controls and self._has_controls):
+                self.desired_force = float(self.output("page_press_force")[0])
+        if reads_controls or mode is not self._last_mode:
+            force = self.desired_force if is_open else 0.0
             self._set_input("tempo", self._tempo if is_open else 0.0)
-            self._set_input("desired_normal_force", self._force if is_open else 0.0)
+            self._set_input("desired_normal_force", force)
         if mode is GateMode.STOPPED and mode is not self._last_mode:
             self.stops.append((time_now, self.faults))
         self._last_mode = mode

@@ -126,12 +126,11 @@ class ForceMetrics:
         touching = force > CONTACT_FORCE
         if is_varying := "desired_normal_force" in chunk:
             desired = chunk["desired_normal_force"].values[:, 0]
+        first = 0
         if not self._samples:
             first = int(np.argmax(touching)) if np.any(touching) else len(force)
-            force, touching, desired = force[first:], touching[first:], desired[first:]
-            times = times[first:]
-            self._settling_end = float(np.min(times, initial=np.inf)) + LANDING
-        self._samples += len(force)
+            self._settling_end = float(np.min(times[first:], initial=np.inf)) + LANDING
+        self._samples += len(force) - first
         force, desired = force[touching], desired[touching]
         error = np.abs(force - desired)
         if is_varying:

@@ -130,7 +130,6 @@ def advance(
             buttons = stack.enter_context(RunButtons(meshcat, panel))
         context = simulator.get_context()
         simulator.Initialize()
-        was_paused = False
         while context.get_time() < until or (goes_on is not None and goes_on()):
             if buttons is not None:
                 if buttons.was_clicked(buttons.STOP):
@@ -141,13 +140,10 @@ def advance(
                     if on_reset is not None:
                         on_reset()
                 if buttons.paused:
-                    was_paused = True
                     time.sleep(_POLL)
+                    # Otherwise Drake would run faster to compensate for the pause.
+                    simulator.ResetStatistics()
                     continue
-            if was_paused:
-                # Otherwise Drake would run faster to compensate for the pause.
-                simulator.ResetStatistics()
-                was_paused = False
             count = floor(context.get_time() / (_STEP * MILLISECOND) + 1e-6)
             end = _STEP * (count + 1) * MILLISECOND
             if context.get_time() < until:

@@ -31,7 +31,6 @@ from fmp_drake.runs.log import (
 from fmp_drake.runs.metrics import RunMetrics, ink_metrics, metric_signals
 from fmp_drake.station import LoadRobot, MakeStation, Scenario
 from fmp_drake.station.page import BOARD, INK, describe_page
-from fmp_drake.station.robots.driver import Driver
 from fmp_drake.station.robots.robot import MakeRobotModel
 from fmp_drake.station.skill_motion import ContactHeight, SkillRoles
 from fmp_drake.systems import AddPathToRecording, PagePanel
@@ -139,11 +138,7 @@ class StationRun:
             **station,
         )
         self.roles = SkillRoles(skill)
-        driver: Driver | None = station.get("driver")
         self._primitive: Any = self.station.GetSubsystemByName("fourier_primitive")
-        self._control_period = scenario.impedance.control_period
-        if driver is not None and driver.control_period is not None:
-            self._control_period = driver.control_period
         self._sinks: dict[str, VectorLogSink] = {}
         builder = DiagramBuilder()
         builder.AddSystem(self.station)
@@ -161,7 +156,7 @@ class StationRun:
             self._add_sink(builder, name, signal_kind(name).period)
         self.diagram = builder.Build()
         self.simulator = Simulator(self.diagram)
-        if scenario.plant.time_step == 0 and driver is None:
+        if scenario.plant.time_step == 0 and station.get("driver") is None:
             ApplySimulatorConfig(scenario.simulator, self.simulator)
         self.restart()
 
@@ -180,11 +175,13 @@ class StationRun:
         """Discard all samples after a reset of the simulation; restart the recording."""
         robot = LoadRobot(self.scenario.robot)
         arm = MakeRobotModel(robot, self.scenario.held_tool()).plant
+        controller = self.station.GetSubsystemByName("controller")
+        update: Any = controller.GetUniquePeriodicDiscreteUpdateAttribute()
         self._metrics = RunMetrics(
             self.scenario,
             self._primitive.player.region,
             joint_limits(arm),
-            control_period=self._control_period,
+            control_period=update.period_sec(),
             contact_height=ContactHeight(self.scenario, self._primitive.player.skill),
             roles=self.roles,
         )
@@ -216,9 +213,9 @@ class StationRun:
         chunk = pop_samples(self._sinks, context)
         self._update(chunk)
         times_by_period = {}
-        for name, spill in self._values.items():
+        for name, kept in self._values.items():
             times_by_period[signal_kind(name).period], values = chunk[name]
-            spill.append(values)
+            kept.append(values)
         for period, times in times_by_period.items():
             self._times[period].append(times)
 
@@ -427,7 +424,6 @@ class WipingRun(StationRun):
 
     def metrics(self) -> dict[str, Any]:
         """Return the metrics of the run so far; a value that was not reached is None."""
-        other_metrics = super().metrics()
         return {
             **ink_metrics(
                 ink=self.ink(),
@@ -437,7 +433,7 @@ class WipingRun(StationRun):
                 grid=self.grid,
                 seconds=self.simulator.get_context().get_time(),
             ),
-            **other_metrics,
+            **super().metrics(),
         }
 
     def ink(self) -> Array:

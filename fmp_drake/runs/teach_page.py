@@ -114,16 +114,16 @@ class TeachPage:
         }
         fields: Any = {
             "buttons": buttons,
-            "help": [_ON_BOARD if scenario.has_board else _IN_SPACE, *_HELP[mode]]
-            if mode == "teach"
-            else _HELP[mode],
+            "help": _HELP[mode],
             "subtitle": scenario.description,
             "turn": TURN_SWITCH,
             "grab": "you are guiding" if mode == "teach" else "you are pulling",
         }
         if mode == "teach":
+            drag_help = _ON_BOARD if scenario.has_board else _IN_SPACE
             hidden_fields = dict.fromkeys(("time", "cleaned", "force", "component"))
             fields |= {
+                "help": [drag_help, *_HELP[mode]],
                 "mode": busy or "teaching",
                 "level": "good" if session.is_guided else "idle",
                 "detail": session.status,

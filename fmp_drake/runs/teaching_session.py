@@ -14,10 +14,7 @@ from fmp_drake.numeric import Array
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, save_skill
 from fmp_drake.primitives.data.files import keep_earlier_files, numbered
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
-from fmp_drake.runs.guided_demonstrations import (
-    guided_demonstrations,
-    hand_time,
-)
+from fmp_drake.runs.guided_demonstrations import guided_demonstrations, hand_time
 from fmp_drake.runs.station_run import MakeRun, StationRun, WipingRun
 from fmp_drake.skills import learn_skill
 from fmp_drake.station import CheckFeasibility, MakeStation, Scenario
@@ -85,6 +82,8 @@ class TeachingSession:
     Attributes
     ----------
     mode : {'teach', 'play'}
+    simulator : Simulator
+        Of the station of the current mode.
     skill : FourierMovementPrimitive or None
         The last learned skill.
     remark : str
@@ -159,11 +158,6 @@ class TeachingSession:
         return 1 - self.missing / (_MIN_WINDOWS * self._scenario.skill.window)
 
     @property
-    def simulator(self) -> Simulator:
-        """Simulator of the station of the current mode."""
-        return self._simulator
-
-    @property
     def demonstrations(self) -> list[Demonstration]:
         """All demonstrations that were not discarded, in the frame of the board."""
         return [*self._earlier, *self.shown]
@@ -174,17 +168,11 @@ class TeachingSession:
         if not self._samples:
             return []
         samples = np.array(self._samples, dtype=float)
-        station: Any = self._station
-        interval = 0.0
-        if station.HasSubsystemNamed("mouse_hand"):
-            mouse = station.GetSubsystemByName("mouse_hand")
-            context = mouse.GetMyContextFromRoot(self._simulator.get_context())
-            interval = float(mouse.GetOutputPort("cursor_interval").Eval(context)[0])
         return guided_demonstrations(
             hand_time(samples[:, 0], samples[:, 1]),
             samples[:, 2:5],
             samples[:, 5],
-            frame_seconds=interval,
+            frame_seconds=float(self._output("cursor_interval")[0]),
             note=f"shown by hand: {type(self._hand).__name__}; simulated arm",
             orientation=samples[:, 6:] if self._has_rotation(samples) else None,
             reference=Rotation.from_matrix(
@@ -210,27 +198,27 @@ class TeachingSession:
 
     def advance(self, seconds: float) -> None:
         """Simulate and record for a duration, s."""
-        context = self._simulator.get_context()
+        context = self.simulator.get_context()
         end = context.get_time() + seconds
         while (now := context.get_time()) < end - 1e-9:
             sample_time = (np.floor(now * DEFAULT_RATE + 1e-6) + 1) / DEFAULT_RATE
             until = float(min(sample_time, end))
             if self._run is None:
-                self._simulator.AdvanceTo(until)
+                self.simulator.AdvanceTo(until)
             else:
                 self._run.advance_to(until)
             if until > sample_time - 1e-6 / DEFAULT_RATE:
                 self._record()
 
     def _record(self) -> None:
-        now = self._simulator.get_context().get_time()
+        now = self.simulator.get_context().get_time()
         clock = now if self._clock is None else self._clock()
         position = self._output(self._position)
         pose = () if self._scenario.has_board else self._output("measured_pose")[:4]
         self._samples.append((now, clock, *position, self.is_guided, *pose))
         lag = (clock - self._samples[0][1]) - (now - self._samples[0][0])
         if self._clock is not None and lag - self._lag > _MAX_LAG:
-            self._simulator.ResetStatistics()
+            self.simulator.ResetStatistics()
             self._lag = lag
         if self._run is None:
             self._draw()
@@ -366,7 +354,7 @@ class TeachingSession:
         station = MakeStation(self._scenario, self._hand, q=q, meshcat=self._meshcat)
         if self._meshcat is not None:
             self._meshcat.Delete("/force")  # The arrow of the wiping station.
-        self._run, self._simulator = None, Simulator(station)
+        self._run, self.simulator = None, Simulator(station)
         self._station, self._position = station, "position"
         self._begin()
 
@@ -386,14 +374,14 @@ class TeachingSession:
         elif self._meshcat is not None:
             self._meshcat.DeleteSlider(TURN_SWITCH, strict=False)
         self.skill, self._earlier, self._learned = skill, demonstrations, demonstrations
-        self._run, self._simulator = run, run.simulator
+        self._run, self.simulator = run, run.simulator
         self._station, self._position = run.station, "measured_position"
         self._begin()
 
     def _begin(self) -> None:
         self._clear_samples()
-        self._simulator.set_target_realtime_rate(0.0 if self._clock is None else 1.0)
-        self._simulator.Initialize()
+        self.simulator.set_target_realtime_rate(0.0 if self._clock is None else 1.0)
+        self.simulator.Initialize()
 
     def _clear_samples(self) -> None:
         self._samples, self._lag, self._drawn, self._discarded = [], 0.0, 0, []
@@ -406,15 +394,17 @@ class TeachingSession:
     # Outputs --------------------------------------------------------------------------
 
     def _output(self, name: str) -> Array:
-        """Return the value of an output port of the station or of its mouse."""
-        root = self._simulator.get_context()
-        station: Any = self._station
-        if name == "is_guided" and not station.HasOutputPort(name):
-            if not station.HasSubsystemNamed("mouse_hand"):
+        """Return the value of an output port of the station, or of its mouse.
+
+        It is 0 for an output of the mouse where there is none.
+        """
+        system: Any = self._station
+        if name in ("is_guided", "cursor_interval") and not system.HasOutputPort(name):
+            if not system.HasSubsystemNamed("mouse_hand"):
                 return np.zeros(1)
-            station = station.GetSubsystemByName("mouse_hand")
-        context = station.GetMyContextFromRoot(root)
-        return np.array(station.GetOutputPort(name).Eval(context))
+            system = system.GetSubsystemByName("mouse_hand")
+        context = system.GetMyContextFromRoot(self.simulator.get_context())
+        return np.array(system.GetOutputPort(name).Eval(context))
 
     def _joint_angles(self) -> Array:
         state = self._output("state")
