@@ -28,7 +28,7 @@ _ENOUGH_WINDOWS = 7
 _TEMPO = 0.15
 # Spread of the intervals between samples that is reported, relative to their median.
 _EVEN = 0.01
-# Duration of the playback that is described, and of the one before it, s.
+# Duration of the playback that is described, and of the playback before it, s.
 _SECONDS = 8.0
 _MOST_NAMES = 12
 

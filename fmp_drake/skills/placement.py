@@ -160,9 +160,7 @@ def fit_placement(demonstration: Demonstration, *, usable: ArrayLike) -> Placeme
     )
 
 
-def _longest_plane(
-    points: Array,
-) -> tuple[Array, Array]:
+def _longest_plane(points: Array) -> tuple[Array, Array]:
     """Return a point of the plane that most samples touch, and its normal.
 
     Planes through three samples are tried (RANSAC, from a fixed seed); samples
@@ -303,13 +301,10 @@ def _advice_without_position(demonstration: Demonstration, robot: str) -> str:
         return f"{advice}Learn it as it is: learn --as-recorded"
     lengths = [n for n, unit in zip(names, units, strict=True) if unit == "m"]
     first = lengths if len(lengths) >= len(POSITION_CHANNELS) else names
-    axes = [set(re.split(r"[\W_]+", name.lower())) for name in first]
-    sources = {
-        axis: next(
-            (n for n, words in zip(first, axes, strict=True) if axis in words), n0
-        )
-        for axis, n0 in zip(POSITION_CHANNELS, first, strict=False)
-    }
+    sources = {}
+    for axis, default in zip(POSITION_CHANNELS, first, strict=False):
+        named = (n for n in first if axis in re.split(r"[\W_]+", n.lower()))
+        sources[axis] = next(named, default)
     example = columns_option(sources)
     return (
         f"{advice}Learn it as it is (learn --as-recorded), or, if they are among the "

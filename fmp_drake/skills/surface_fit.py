@@ -22,7 +22,7 @@ _TO_SIGMA = 1.4826
 # Ratio of residuals below which the less simple shape is taken, and the least gain, m: smaller
 # ones are within the error of a recorded contact.
 _BETTER, _LEAST_GAIN = 0.8, 3e-4
-# Radii of cylinders, domes and bowls, m, and those that the search begins with.
+# Range of the radii of cylinders, domes and bowls, and initial radii of the search, m.
 _RADII, _STARTS = (0.05, 5.0), (0.15, 0.5, 2.0)
 _SAMPLES, _LEAST_SAMPLES = 1000, 20
 # Largest residual relative to the extent of the contact.
@@ -163,16 +163,15 @@ def _fit(points: Array, shape: str, up: Array) -> FittedSurface:
     """Fit one shape, from several radii and directions of a cylinder's axis."""
     centre = points.mean(axis=0)
     local = (points - centre) @ up
-    straight = np.array(
-        [shape != "cylinder" and shape != "plane", shape != "plane", 1.0]
-    )
+    # Axes along which the distance from the centre of curvature counts.
+    is_curved = np.array([shape in ("dome", "bowl"), shape != "plane", True])
     sign = -1.0 if shape == "bowl" else 1.0
 
     def heights(x: Array) -> Array:
         # g is half the curvature times the height's quadratic equation: its stable root.
         q = Rotation.from_rotvec(x[:3]).apply(local) - [0.0, 0.0, x[3]]
         k = sign * x[4]
-        g = q[:, 2] + k / 2 * np.sum((straight * q) ** 2, axis=1)
+        g = q[:, 2] + k / 2 * np.sum((is_curved * q) ** 2, axis=1)
         root: Array = np.sqrt(np.maximum(1 + 2 * k * g, 0.0))
         return 2 * g / (1 + root)
 

@@ -24,7 +24,7 @@ from fmp_drake.systems.ink.mesh import corner_shades, ink_mesh
 from fmp_drake.systems.ink.rubbing import Cells, compile_rubbing
 from fmp_drake.systems.page.paths import rod_mesh
 
-# To free what the compiler has made would take another second.
+# os._exit does not free the compiler's memory, which would take another second.
 _COMPILE_STEP = """
 import os
 from fmp_drake.systems.impedance.compilation import compile_step
@@ -42,8 +42,8 @@ _FAST_COMPILATION = {
 class LawCompilation:
     """Compilation of the control law by two other processes, in parallel to this one.
 
-    They write the law and the measured motion into the cache. Cheaper optimisations are
-    enabled: the law is as fast, and compiled sooner.
+    They write the law and the measured motion into the cache. The level of optimisation is
+    low: this saves time, and the compiled law is as fast.
     """
 
     def __init__(self) -> None:

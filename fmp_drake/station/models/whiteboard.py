@@ -35,10 +35,8 @@ _THICKNESS = 0.02  # Of the slab, m.
 _MODULUS = 1e7  # Pressure in the middle of the slab, Pa.
 _DENSITY = 500.0  # kg/m^3: 3.5 kg for a board of 0.5 m x 0.7 m.
 _EDGE = 0.012  # Width of the frame, m.
-_BAR_HEIGHT, _BAR_Z = (
-    0.026,
-    -0.0115,
-)  # Height of the frame's bars, and z of their middle, m.
+_BAR_HEIGHT = 0.026  # Of the frame's bars, m.
+_BAR_Z = -0.0115  # Of the middle of the frame's bars, m.
 _CORNER = 0.020  # Radius of the corner caps, m.
 
 _ORIGIN = (0.0, 0.0, 0.0)
@@ -230,17 +228,14 @@ def cell_of(surface: Surface) -> tuple[float, float]:
     An edge of length L deviates from a circle of radius R by L² / 8R. The diagonal of a cell
     on a sphere deviates by the sum of its edges.
     """
-    squared_ratio = (
-        8 * _DEVIATION * _COMPRESSION / max(int(np.count_nonzero(surface)), 1)
-    )
+    curved_axes = max(int(np.count_nonzero(surface)), 1)
+    squared_ratio = 8 * _DEVIATION * _COMPRESSION / curved_axes
     u, v = (math.sqrt(squared_ratio / abs(k)) if k else math.inf for k in surface)
     return u, v
 
 
 def curved_slab(
-    surface: Surface,
-    size: tuple[float, float],
-    thickness: float,
+    surface: Surface, size: tuple[float, float], thickness: float
 ) -> tuple[Array, Array, Faces]:
     """Return the mesh of a slab below a surface.
 
