@@ -97,7 +97,8 @@ def convert_frames(
     RunError
         If the film cannot be written, or the packages for films are missing.
     """
-    ffmpeg_program()
+    if out.suffix.lower() != ".gif":
+        ffmpeg_program()
     check_number(fps, "fps", above=0.0, error=RunError)
     if not frames.is_file():
         raise RunError(f"there is no frame archive {frames}.")

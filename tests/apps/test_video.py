@@ -7,6 +7,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from films import read_film
+from PIL import Image
 
 FRAMES = 12
 
@@ -65,6 +66,14 @@ def test_existing_film_is_replaced(ffmpeg, command, make_frames, outputs):
     film.write_bytes(b"old")
     assert command("video", make_frames(), film).code == 0
     assert ffmpeg.count_frames_and_secs(str(film))[0] == FRAMES
+
+
+def test_a_gif_needs_no_extra(command, make_frames, outputs, monkeypatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    film = outputs / "film.gif"
+    assert command("video", make_frames(), film).code == 0
+    with Image.open(film) as opened:
+        assert (opened.n_frames, opened.size) == (FRAMES, (64, 48))
 
 
 @pytest.mark.usefixtures("ffmpeg")
