@@ -480,6 +480,16 @@ def test_every_part_is_left_out_once_and_played_all_along():
     assert left_out == total
 
 
+def test_of_many_recordings_some_from_first_to_last_are_left_out():
+    recordings = [autoregressive(60, seed, 0.9) for seed in range(40)]
+    player = Player(recordings, np.array([0.3, -0.2]), HORIZON)
+    calibrate_playback(flat(recordings), recordings, player.learn, seen=SEEN)
+    left_out = [pasts[0][0] for pasts in player.pasts]
+    assert len(left_out) == len(set(left_out)) == 16
+    assert (left_out[0], left_out[-1]) == (0, 39)
+    assert np.ptp(np.diff(left_out)) <= 1
+
+
 def test_without_windows_to_play_a_calibration_is_unchanged():
     recordings = [autoregressive(60, 0, 0.9)]
     before = flat(recordings)

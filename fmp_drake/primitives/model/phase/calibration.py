@@ -23,6 +23,8 @@ MANY_CYCLES, _PARTS_OF_MANY = 15.0, 5
 _PARTS_PER_CYCLE, _PARTS = 3.0, (4, 10)
 # Left-out parts for a mixture, which is learned again without each of them.
 _PLAYED_PARTS = 4
+# Greatest number of recordings of which parts are left out.
+_MOST_LEFT_OUT = 16
 # Predictions in all parts.
 _PREDICTIONS = 300
 # Shortest segment of the remaining recordings that is used, samples.
@@ -339,10 +341,13 @@ def _left_out(
 ) -> Iterator[tuple[list[Array], Array]]:
     """Yield the rest of recordings, and the left-out one of about `count` parts.
 
-    Each recording has at least `least` parts.
+    Each recording has at least `least` parts. Of many recordings only some are left out.
     """
     total = sum(map(len, recordings))
-    for i, y in enumerate(recordings):
+    last = len(recordings) - 1
+    chosen = np.linspace(0, last, min(_MOST_LEFT_OUT, last + 1)).astype(int)
+    for i in chosen:
+        y = recordings[i]
         parts = max(least, round(count * len(y) / total))
         for a, b in pairwise(np.linspace(0, len(y), parts + 1).astype(int)):
             others = [x for j, x in enumerate(recordings) if j != i]
