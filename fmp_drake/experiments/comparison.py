@@ -36,8 +36,6 @@ BINS = 30
 FLOOR = 1e-6
 _MARGIN = 0.15
 
-Samples = Array
-
 
 def cut(demonstrations: Sequence[Demonstration], *, stride: int) -> Array:
     """Return the windows of demonstrations, (N, T, D)."""
@@ -94,7 +92,7 @@ def kl_divergence(p: ArrayLike, q: ArrayLike, *, floor: float) -> float:
     return float(np.sum(a * np.log(a / b)))
 
 
-def grid_extent(demonstrated: Samples) -> Array:
+def grid_extent(demonstrated: Array) -> Array:
     """Return the box of the first two channels, 15 % wider on every side, (2, 2)."""
     flat = demonstrated.reshape(-1, demonstrated.shape[-1])[:, :2]
     low, high = flat.min(axis=0), flat.max(axis=0)
@@ -103,24 +101,25 @@ def grid_extent(demonstrated: Samples) -> Array:
 
 
 def divergences(
-    learned: Samples,
-    demonstrated: Samples,
-    *,
-    extent: Array,
-    bins: int = BINS,
-    floor: float = FLOOR,
+    learned: Array, demonstrated: Array, *, bins: int = BINS, floor: float = FLOOR
 ) -> tuple[float, float]:
-    """Return the forward and the reverse KL divergence of section V-C, nats."""
+    """Return the forward and the reverse KL divergence of section V-C, nats.
+
+    The heatmaps cover the `grid_extent` of the demonstrated samples.
+    """
+    extent = grid_extent(demonstrated)
     p = heatmap(learned, bins=bins, extent=extent)
     q = heatmap(demonstrated, bins=bins, extent=extent)
     return kl_divergence(p, q, floor=floor), kl_divergence(q, p, floor=floor)
 
 
-def draw_grids(samples: Mapping[str, Samples], *, extent: Array) -> Figure:
-    """Draw heatmaps of several sets of trajectories with one colour scale."""
+def draw_grids(demonstrated: Array, learned: Mapping[str, Array]) -> Figure:
+    """Draw heatmaps of demonstrated and learned trajectories with one colour scale."""
+    samples = {"demonstrations": demonstrated, **learned}
+    extent = grid_extent(demonstrated)
     columns = min(4, len(samples))
     rows = -(-len(samples) // columns)
-    # Letters are legible on a page of 800 pixels.
+    # Sized so that letters are legible on a page of 800 pixels.
     height = 0.9 + 2.2 * shape_of(*np.ptp(extent, axis=1))
     figure = Figure(figsize=(0.8 + 2.6 * columns, height * rows), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
@@ -128,15 +127,15 @@ def draw_grids(samples: Mapping[str, Samples], *, extent: Array) -> Figure:
     top = float(np.percentile(np.concatenate([g[g > 0] for g in grids]), 99))
     for ax in axes[len(samples) :]:
         ax.remove()
-    for ax, name, grid in zip(axes, samples, grids, strict=False):
+    axes = axes[: len(samples)]
+    for ax, name, grid in zip(axes, samples, grids, strict=True):
         box = (*extent[1], *extent[0])
         image = ax.imshow(grid, origin="lower", extent=box, vmin=0, vmax=top)
         ax.invert_xaxis()
         set_title(ax, fill(name, 26))
         ax.set(xlabel="y (m)", ylabel="x (m)")
         ax.locator_params(nbins=4)
-    used_axes = list(axes[: len(samples)])
-    figure.colorbar(image, ax=used_axes, label="fraction of the samples", extend="max")
+    figure.colorbar(image, ax=list(axes), label="fraction of the samples", extend="max")
     return figure
 
 

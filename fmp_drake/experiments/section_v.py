@@ -1,5 +1,7 @@
 """Section V-B and V-C: polishing and the 8-shape, Figs. 3 to 9 and Table I."""
 
+from functools import partial
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -15,7 +17,6 @@ from fmp_drake.experiments.comparison import (
     divergences,
     draw_grids,
     draw_paths,
-    grid_extent,
     millimetres,
     path_distances,
     play,
@@ -116,7 +117,6 @@ def _polishing_from_starts(
 
 
 def _promp_heatmaps(aligned: AlignedProMP, windows: Array, profile: Profile) -> Finding:
-    extent = grid_extent(windows)
     models = {
         "aligned, one period (5a)": aligned.model_,
         "T = 120, 1 Gaussian (5b)": ProMP(frequencies=(_FREQUENCY,)).fit(windows),
@@ -124,12 +124,10 @@ def _promp_heatmaps(aligned: AlignedProMP, windows: Array, profile: Profile) -> 
             frequencies=(_FREQUENCY,), n_components=10
         ).fit(windows),
     }
-    samples = {"demonstrations": windows}
-    kl = {}
-    for name, model in models.items():
-        samples[name] = model.sample(profile.samples, seed=0)
-        kl[name] = divergences(samples[name], windows, extent=extent)
-    period, one, ten = (forward for forward, _ in kl.values())
+    samples = {
+        name: model.sample(profile.samples, seed=0) for name, model in models.items()
+    }
+    period, one, ten = (divergences(s, windows)[0] for s in samples.values())
     return Finding(
         name="fig5",
         title="Fig. 5: heatmaps of the distribution learned with ProMP-VM",
@@ -139,7 +137,7 @@ def _promp_heatmaps(aligned: AlignedProMP, windows: Array, profile: Profile) -> 
         claim="ProMP-VM fits aligned periods; without alignment one Gaussian does not, and "
         "a mixture does.",
         agrees=period < 0.5 * one and ten < 0.5 * one,
-        figure=draw_grids(samples, extent=extent),
+        figure=draw_grids(windows, samples),
     )
 
 
@@ -222,10 +220,9 @@ def learn_and_sample(
 
 def table_one(samples: Samples, demonstrated: Array) -> dict[str, dict[str, float]]:
     """Return the divergences of Table I: method to forward_kl and reverse_kl."""
-    extent = grid_extent(demonstrated)
     table = {}
     for name, learned in samples.items():
-        forward, reverse = divergences(learned, demonstrated, extent=extent)
+        forward, reverse = divergences(learned, demonstrated)
         table[name] = {"forward_kl": forward, "reverse_kl": reverse}
     return table
 
@@ -241,21 +238,20 @@ def _samples(samples: Samples, recording: Demonstration) -> Finding:
         ax.set(aspect="equal", xlabel=axes[0].get_xlabel())
         ax.locator_params(nbins=6)
     same_limits(axes)
-    jerks = {name: rms_jerk(samples[name][:500], RATE) for name in (MULT, FMP_PAPER)}
-    distances = {
-        name: float(np.mean(path_distances(recording, samples[name][:200])))
+    jerk, fmp_jerk = (rms_jerk(samples[n][:500], RATE) for n in (MULT, FMP_PAPER))
+    distance, fmp_distance = (
+        float(np.mean(path_distances(recording, samples[name][:200])))
         for name in (MULT, FMP_PAPER)
-    }
+    )
     return Finding(
         name="fig7",
         title="Fig. 7: samples of the learned 8-shape distribution",
         shows="Mean distance to the demonstrated path: "
-        f"{MULT} {millimetres(distances[MULT])}, FMP {millimetres(distances[FMP_PAPER])}. "
-        f"Rms jerk: {MULT} {jerks[MULT]:.1f}, FMP {jerks[FMP_PAPER]:.1f}, demonstrated "
+        f"{MULT} {millimetres(distance)}, FMP {millimetres(fmp_distance)}. "
+        f"Rms jerk: {MULT} {jerk:.1f}, FMP {fmp_jerk:.1f}, demonstrated "
         f"{rms_jerk(recording.values, RATE):.1f} m/s^3.",
         claim="FMP's samples are smoother and closer to the demonstrations.",
-        agrees=distances[FMP_PAPER] < distances[MULT]
-        and jerks[FMP_PAPER] < jerks[MULT],
+        agrees=fmp_distance < distance and fmp_jerk < jerk,
         figure=figure,
     )
 
@@ -265,7 +261,6 @@ def _heatmaps(
     demonstrated: Array,
     table: dict[str, dict[str, float]],
 ) -> Finding:
-    extent = grid_extent(demonstrated)
     return Finding(
         name="fig8",
         title="Fig. 8: heatmaps of the learned 8-shape distribution",
@@ -275,7 +270,7 @@ def _heatmaps(
         claim=f"The heatmap of {MULT} is more blurred than that of FMP: more samples "
         "fall into the holes.",
         agrees=table[FMP_PAPER]["forward_kl"] < table[MULT]["forward_kl"],
-        figure=draw_grids({"demonstrations": demonstrated, **samples}, extent=extent),
+        figure=draw_grids(demonstrated, samples),
     )
 
 
@@ -308,27 +303,16 @@ def _table(table: dict[str, dict[str, float]]) -> Finding:
 
 
 def _sensitivity(samples: Samples, demonstrated: Array) -> Finding:
-    extent = grid_extent(demonstrated)
+    measure = partial(divergences, demonstrated=demonstrated)
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     worst = 0.0
     for number, floor in enumerate(_FLOORS):
-        kl = {
-            name: np.array(
-                [
-                    divergences(
-                        samples[name],
-                        demonstrated,
-                        extent=extent,
-                        bins=bins,
-                        floor=floor,
-                    )
-                    for bins in _GRIDS
-                ]
-            )
+        fmp, promp = (
+            np.array([measure(samples[name], bins=n, floor=floor) for n in _GRIDS])
             for name in (FMP_PAPER, MULT)
-        }
-        ratios = kl[FMP_PAPER] / kl[MULT]
+        )
+        ratios = fmp / promp
         worst = max(worst, float(np.max(ratios)))
         for ax, ratio in zip(axes, ratios.T, strict=True):
             style = {**series_style(number), "marker": "o"}

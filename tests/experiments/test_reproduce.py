@@ -21,7 +21,6 @@ from fmp_drake.experiments.comparison import (
     divergences,
     draw_grids,
     draw_paths,
-    grid_extent,
     path_distances,
     rms_jerk,
 )
@@ -143,7 +142,7 @@ def test_report_needs_nothing_but_itself(reproduced):
 
 def test_divergences_of_the_demonstrations_themselves_are_zero():
     path = np.random.default_rng(0).random((50, 3))
-    assert divergences(path, path, extent=grid_extent(path)) == (0.0, 0.0)
+    assert divergences(path, path) == (0.0, 0.0)
 
 
 def test_distance_to_a_path_is_that_to_the_nearest_sample():
@@ -156,14 +155,14 @@ def test_distance_to_a_path_is_that_to_the_nearest_sample():
 def test_heatmaps_are_legible_and_their_titles_apart():
     path = np.random.default_rng(0).random((50, 2))
     names = [MULT, MULT_OWN, REPLAY, PHASE, FMP_PAPER]
-    figure = draw_grids(dict.fromkeys(names, path), extent=grid_extent(path))
+    figure = draw_grids(path, dict.fromkeys(names, path))
     figure.draw_without_rendering()
     titles = [
         text.get_window_extent()
         for text in figure.findobj(Text)
-        if text.get_text().replace("\n", " ") in names
+        if text.get_text().replace("\n", " ") in ("demonstrations", *names)
     ]
-    assert len(titles) == len(names)
+    assert len(titles) == 1 + len(names)
     assert not any(a.overlaps(b) for a, b in combinations(titles, 2))
     # A letter of 10 points has 7 pixels on a page of 800.
     assert figure.get_figwidth() < 12
