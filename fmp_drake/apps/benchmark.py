@@ -1,6 +1,7 @@
 """`fmp-drake benchmark`."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import click
@@ -54,31 +55,12 @@ def benchmark(folder: Path, to: BenchmarkOptions) -> None:
     if not folder.is_dir():
         raise FmpError(f"there is no folder {folder}.")
     make_folder(to.out)
-    workers = LocalWorkers(to.jobs)
-
-    def progress(text: str) -> None:
-        console.print(text, markup=False)
-
     if to.clean is None:
-        instants = 15 if to.quick else 60
-        scores = run_benchmark(
-            folder,
-            to.out,
-            workers,
-            methods=to.methods,
-            instants=instants,
-            progress=progress,
-        )
+        run = partial(run_benchmark, folder, instants=15 if to.quick else 60)
     else:
         duration, seeds = (5.0, 2) if to.quick else (60.0, 5)
-        scores = run_cleaning(
-            to.clean,
-            to.out,
-            workers,
-            methods=to.methods,
-            duration=duration,
-            seeds=seeds,
-            progress=progress,
-        )
+        run = partial(run_cleaning, to.clean, duration=duration, seeds=seeds)
+    progress = partial(console.print, markup=False)
+    scores = run(to.out, LocalWorkers(to.jobs), methods=to.methods, progress=progress)
     write_benchmark(to.out, scores, folder=folder)
     console.print(f"wrote {to.out / 'report.html'}")

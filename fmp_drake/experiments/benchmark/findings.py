@@ -127,15 +127,18 @@ def _errors(scores: _Scores) -> Finding:
             f"mean of all {len(ratios)} cases, at most replay's in "
             f"{sum(r <= 1 for r in ratios)}. {_wins(scores, 'error_mm', min)}"
         )
+    figure = _draw_lines(comparisons, "error / error of replay", geometric_mean)
+    (ax,) = figure.axes
+    ax.set_yscale("log")
+    label_decades(ax.yaxis, (1.0, 2.0, 5.0))
+    ax.axhline(1.0, color="0.6", linewidth=1, zorder=0)
     return Finding(
         name="benchmark_error",
         title="Error of the next second, relative to replay",
         shows=f"{text}Geometric mean over movements, and the range. In square brackets: "
         "movements that the method can learn from, where it cannot learn from all. "
         f"{_significance(scores)}",
-        figure=_draw_lines(
-            comparisons, "error / error of replay", geometric_mean, log=True
-        ),
+        figure=figure,
         table=_table(scores, comparisons, show),
     )
 
@@ -191,18 +194,16 @@ def _densities(scores: _Scores) -> Finding:
     def show(differences: Sequence[float]) -> str:
         return f"{np.mean(differences):+.1f} (least {min(differences):+.1f})"
 
+    label = f"nats per sample more than {PeriodicGP.name}"
+    figure = _draw_lines(comparisons, label, fmean)
+    figure.axes[0].set_ylim(-12.0, 8.0)
     return Finding(
         name="benchmark_density",
         title="Log score: density of the true next second",
         shows=f"Nats per sample, mean over the second, minus those of {PeriodicGP.name}: "
         "mean over movements, and the least. Methods without numbers have no uncertainty. "
         f"{_wins(scores, 'log_density', max)}",
-        figure=_draw_lines(
-            comparisons,
-            f"nats per sample more than {PeriodicGP.name}",
-            fmean,
-            limits=(-12.0, 8.0),
-        ),
+        figure=figure,
         table=_table(scores, comparisons, show),
     )
 
@@ -219,20 +220,18 @@ def _coverage(scores: _Scores) -> Finding:
     def show(rows: Sequence[Sequence[float]]) -> str:
         return " / ".join(f"{mean:.0f}" for mean in np.mean(rows, axis=0))
 
+    last = {
+        name: {cycles: [row[-1] for row in rows] for cycles, rows in groups.items()}
+        for name, groups in coverage.items()
+    }
+    figure = _draw_lines(last, "inside after 1 s (%)", fmean)
+    figure.axes[0].axhspan(*_COVERAGE_BAND, color="0.93", zorder=0)
     return Finding(
         name="benchmark_coverage",
         title="Coverage of the 95 % tubes",
         shows="Percentage of the true samples inside after 0.25 / 0.5 / 1 s, mean over "
         "movements; 95 is ideal. The picture shows 1 s.",
-        figure=_draw_lines(
-            {
-                name: {c: [row[-1] for row in rows] for c, rows in groups.items()}
-                for name, groups in coverage.items()
-            },
-            "inside after 1 s (%)",
-            fmean,
-            band=_COVERAGE_BAND,
-        ),
+        figure=figure,
         table=_table(scores, coverage, show),
     )
 
@@ -387,16 +386,10 @@ def _draw_lines(
     values: Mapping[str, Mapping[str, Sequence[float]]],
     label: str,
     mean: Callable[[Sequence[float]], float],
-    *,
-    log: bool = False,
-    limits: tuple[float, float] | None = None,
-    band: tuple[float, float] | None = None,
 ) -> Figure:
     """Draw a measure over the cycles, one line for each method."""
     figure = Figure(figsize=(10, 4.6), layout="constrained")
     ax: Axes = figure.subplots()
-    if band is not None:
-        ax.axhspan(*band, color="0.93", zorder=0)
     all_cycles = set().union(*values.values())
     columns = [cycles for cycles in _COLUMNS if cycles in all_cycles]
     for number, (name, groups) in enumerate(values.items()):
@@ -416,12 +409,6 @@ def _draw_lines(
     ax.margins(x=0.1)
     ax.set_xlabel("cycles learned from")
     ax.set_ylabel(label)
-    if log:
-        ax.set_yscale("log")
-        label_decades(ax.yaxis, (1.0, 2.0, 5.0))
-        ax.axhline(1.0, color="0.6", linewidth=1, zorder=0)
-    if limits is not None:
-        ax.set_ylim(*limits)
     ax.spines[["top", "right"]].set_visible(False)
     if ax.get_legend_handles_labels()[0]:
         figure.legend(loc="outside right upper", frameon=False, fontsize="small")

@@ -1,6 +1,7 @@
 """Movements in a folder of recordings, and their splits into training and held-out parts."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,28 +93,24 @@ def load_movements(
         Where there is no movement.
     """
     movements: list[Movement] = []
-    groups: dict[str, dict[str, Array]] = {}
+    # Recordings of few cycles with their names, by these names without numbers.
+    groups: dict[str, list[tuple[str, Array]]] = {}
     for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or path.suffix.lower() in _OTHER_FILES:
             continue
         for values in _positions(path, progress):
             name = path.stem
-            try:
+            with suppress(DemonstrationError):
                 movement = make_movement(name, [values])
                 if movement.cycles >= _LEAST_CYCLES:
                     movements.append(movement)
                     continue
-            except DemonstrationError:
-                pass
             group = name.rstrip("0123456789").rstrip("_-") or name
-            members = groups.setdefault(group, {})
-            members[f"{name}, part {len(members)}" if name in members else name] = (
-                values
-            )
+            groups.setdefault(group, []).append((name, values))
     for group, members in groups.items():
-        name = group if len(members) > 1 else next(iter(members))
+        name = group if len(members) > 1 else members[0][0]
         try:
-            movements.append(make_movement(name, list(members.values())))
+            movements.append(make_movement(name, [values for _, values in members]))
         except DemonstrationError as error:
             progress(f"{name} is left out: {error}")
     if not movements:
