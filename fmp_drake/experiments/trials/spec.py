@@ -64,19 +64,7 @@ class Distribution:
             If the values are invalid; it lists the allowed ones.
         """
         ((kind, values),) = mapping.items()
-        is_valid = isinstance(values, list) and len(values) > 0
-        if is_valid and kind == "choice":
-            is_valid = len(values) <= _MOST_CHOICES
-        elif is_valid:
-            is_valid = len(values) == (4 if kind == "normal" else 2)
-            is_valid = is_valid and all(map(is_number, values))
-        if is_valid and kind == "uniform":
-            is_valid = values[0] <= values[1] and max(map(abs, values)) <= _GREATEST
-        elif is_valid and kind == "log_uniform":
-            is_valid = 0 < values[0] <= values[1]
-        elif is_valid and kind == "normal":
-            is_valid = values[1] > 0 and values[2] <= values[0] <= values[3]
-        if not is_valid:
+        if not _is_valid(kind, values):
             raise ExperimentError(
                 f"{name} is {{{kind}: {shown(values)}}}; expected {kind}: {KINDS[kind]}."
             )
@@ -104,6 +92,22 @@ class Distribution:
     def extremes(self) -> tuple[Any, ...]:
         """Return the least and the greatest value, or all choices."""
         return self.values[2:] if self.kind == "normal" else self.values
+
+
+def _is_valid(kind: str, values: Any) -> bool:
+    """Return whether a distribution of a kind can have values, as `KINDS` says."""
+    match kind, values:
+        case "choice", [_, *_]:
+            return len(values) <= _MOST_CHOICES
+        case _, [*numbers] if not all(map(is_number, numbers)):
+            return False
+        case "uniform", [least, most]:
+            return -_GREATEST <= least <= most <= _GREATEST
+        case "log_uniform", [least, most]:
+            return 0 < least <= most
+        case "normal", [mean, deviation, least, most]:
+            return deviation > 0 and least <= mean <= most
+    return False
 
 
 _KEYS = ("description", "base", "robot", "offsets", "fields", "disturbances")

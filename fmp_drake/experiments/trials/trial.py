@@ -1,7 +1,7 @@
 """Trial of a randomised scenario: its row in a store, and its faults."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -86,7 +86,7 @@ class Trial:
 
     @property
     def max_torque_rate(self) -> float:
-        """Fastest change of a joint torque that the robot accepts, Nm/s."""
+        """Greatest rate of a joint torque that the robot accepts, Nm/s."""
         return LoadRobot(self.fields.get("robot", DEFAULT_ROBOT)).max_torque_rate
 
     @property
@@ -121,7 +121,8 @@ def faults(trial: Trial) -> list[Fault]:
     """Return the faults of a trial that was run, the most severe first."""
     if trial.error:
         return [Fault("exception", 1e6, f"stopped with {trial.error}")]
-    return sorted(_faults(trial), key=lambda fault: -fault.severity)
+    violations = (fault for fault in _judged(trial) if fault.severity > 1)
+    return sorted(violations, key=lambda fault: -fault.severity)
 
 
 def is_pushed(trial: Trial, duration: float) -> bool:
@@ -162,28 +163,24 @@ def most_tilt(trial: Trial) -> float:
     return MOST_TILT_WITH_FRICTION if has_friction else MOST_TILT
 
 
-def _faults(trial: Trial) -> list[Fault]:
+def _judged(trial: Trial) -> Iterator[Fault]:
+    """Yield everything that is judged; a severity up to 1 is not a fault."""
     metrics = trial.metrics or {}
     pushes = trial.fields["disturbances"]
     desired = trial.fields["press"]["force"] if trial.has_board else 0.0
-    violations: list[Fault] = []
 
     def value(name: str, default: float = 0.0) -> float:
         measured = metrics.get(name)
         return default if measured is None else measured
 
-    def judge(kind: str, severity: float, text: str) -> None:
-        if severity > 1:
-            violations.append(Fault(kind, severity, text))
-
     not_numbers = [
         name for name, v in metrics.items() if isinstance(v, float) and math.isnan(v)
     ]
     if not_numbers:
-        judge("nan", 1e5, f"has NaN in {', '.join(not_numbers)}")
+        yield Fault("nan", 1e5, f"has NaN in {', '.join(not_numbers)}")
     depth = value("penetration_max_m")
     text = f"a hard part is {1e3 * depth:.1f} mm below the surface"
-    judge("through", depth / TOLERANCE, text)
+    yield Fault("through", depth / TOLERANCE, text)
     for name, limit, unit, what in (
         ("torque_ratio_max", 1.0, " of its limit", "a joint's torque"),
         ("joint_speed_ratio_max", 1.0, " of its limit", "a joint's speed"),
@@ -191,19 +188,19 @@ def _faults(trial: Trial) -> list[Fault]:
     ):
         most = value(name)
         text = f"{what} reaches {most:.4g}{unit}"
-        judge("limit", most / (limit * (1 + 1e-9)), text)
+        yield Fault("limit", most / (limit * (1 + 1e-9)), text)
     margin = value("joint_limit_margin_min_rad")
-    judge("limit", 1 - margin, f"a joint is {-margin:.3f} rad beyond its limit")
+    yield Fault("limit", 1 - margin, f"a joint is {-margin:.3f} rad beyond its limit")
     rms, most = on_board_rms(trial), value("tracking_max_m")
     text = f"follows its path to {1e3 * rms:.1f} mm rms, {1e3 * most:.0f} mm at most"
-    judge("path", rms / MOST_RMS, text)
+    yield Fault("path", rms / MOST_RMS, text)
     if not pushes:
         tilt, limit = value("orientation_rms_deg"), most_tilt(trial)
         text = f"is {tilt:.2f} degrees rms off its orientation, above {limit:g}"
-        judge("tilt", tilt / limit, text)
+        yield Fault("tilt", tilt / limit, text)
         error = value("normal_force_error_rms_n")
         text = f"is {error:.2f} N rms off the force of the skill, above "
-        judge("press", error / MOST_FORCE_ERROR, f"{text}{MOST_FORCE_ERROR:g}")
+        yield Fault("press", error / MOST_FORCE_ERROR, f"{text}{MOST_FORCE_ERROR:g}")
     if not pushes and desired > 0:
         fraction = value("normal_force_wanted_fraction", 1.0)
         text = (
@@ -213,21 +210,18 @@ def _faults(trial: Trial) -> list[Fault]:
         )
         if value("contact_fraction") <= 0:
             text = "never touches the board"
-        judge("press", 1 + LEAST_PRESSED - fraction, text)
+        yield Fault("press", 1 + LEAST_PRESSED - fraction, text)
         contact = value("desired_contact_fraction", 1.0)
         text = f"is in contact for {100 * contact:.0f} % of the desired time"
         if fraction > 0:
-            judge("press", 1 + LEAST_CONTACT - contact, text)
-    force, limit = (
-        value("normal_force_max_n"),
-        2 * desired + largest_push(trial) + MOST_EXCESS,
-    )
+            yield Fault("press", 1 + LEAST_CONTACT - contact, text)
+    force = value("normal_force_max_n")
+    limit = 2 * desired + largest_push(trial) + MOST_EXCESS
     text = f"presses with up to {force:.0f} N, above {limit:.0f} N"
-    judge("force", force / limit, text)
+    yield Fault("force", force / limit, text)
     for kind, name, what in (
         ("stop", "protective_stop_s", "is in a protective stop"),
         ("touch", "arm_on_board_s", "a link of the arm touches the board"),
     ):
         seconds = value(name)
-        judge(kind, 1 + seconds, f"{what} for {seconds:.2f} s")
-    return violations
+        yield Fault(kind, 1 + seconds, f"{what} for {seconds:.2f} s")

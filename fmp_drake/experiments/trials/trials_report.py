@@ -3,7 +3,6 @@
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -92,11 +91,8 @@ class TrialsReport:
         self._run = [t for t in self._trials if t.is_feasible and t.was_run]
         self._refused = [t for t in self._trials if not t.is_feasible]
         self._failed = [t for t in self._run if self._faults[t.number]]
-        is_measured = all(
-            "penetration_max_m" in t.metrics
-            for t in self._run
-            if t.metrics and t.has_board
-        )
+        on_board = [t.metrics for t in self._run if t.metrics and t.has_board]
+        is_measured = all("penetration_max_m" in metrics for metrics in on_board)
         self._remark = "" if is_measured else _NOT_MEASURED
         self._failed.sort(key=lambda t: -self._faults[t.number][0].severity)
         # Time of one core, with that for infeasible trials.
@@ -186,12 +182,10 @@ class TrialsReport:
         cleaned = [100 * m[fraction] for m in measured if fraction in m]
         rms = [1e3 * on_board_rms(t) for t in trials if t.metrics]
         return [
-            *(
-                name,
-                str(n),
-                _percent(passed, n),
-                f"{100 * low:.0f} to {100 * high:.0f} %",
-            ),
+            name,
+            str(n),
+            _percent(passed, n),
+            f"{100 * low:.0f} to {100 * high:.0f} %",
             *map(str, self._count(trials).values()),
             _median(rms, "{:.1f} mm"),
             _median(cleaned, "{:.0f} %"),
@@ -202,6 +196,16 @@ class TrialsReport:
         kinds = [{fault.kind for fault in self._faults[t.number]} for t in self._run]
         accurate = sum(not faulty & misses for faulty in kinds)
         high = [t.number for t in self._run if misses_by_height(t)]
+        # The force is NaN in free space, where nothing presses.
+        force = "normal_force_wanted_fraction"
+        errors = {
+            name: [
+                (on_board_rms(t), t.metrics.get(force, math.nan))
+                for t in trials
+                if t.metrics
+            ]
+            for name, trials in self._by_push().items()
+        }
         remark = (
             " The distance is measured on the actual board. From the assumed board, "
             f"with rigid felt, it is too large in these trials: {_listed(high)}."
@@ -218,20 +222,7 @@ class TrialsReport:
             f"orientation to {MOST_TILT:g} degrees ({MOST_TILT_WITH_FRICTION:g} with joint "
             "friction).",
             agrees=n > 0 and accurate >= _REQUIRED_RATE * n,
-            figure=draw_figures(
-                {
-                    name: [
-                        (
-                            on_board_rms(trial),
-                            # NaN in free space, where nothing presses.
-                            m.get("normal_force_wanted_fraction", math.nan),
-                        )
-                        for trial in trials
-                        if (m := trial.metrics)
-                    ]
-                    for name, trials in self._by_push().items()
-                }
-            ),
+            figure=draw_figures(errors),
         )
 
     def _success(self) -> Finding:
@@ -366,7 +357,7 @@ def draw_success(
         )
         figure.text(0.01, 0.4, text)
         return figure
-    rows = ceil(len(parameters) / _COLUMNS)
+    rows = math.ceil(len(parameters) / _COLUMNS)
     figure = Figure(figsize=(12, 0.4 + 2.0 * rows), layout="constrained")
     axes = figure.subplots(rows, _COLUMNS, sharey=True, squeeze=False)
     for ax in axes.flat[len(parameters) :]:
@@ -443,7 +434,7 @@ def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
     path_axes.set_xlabel("distance from the path (mm rms)")
     path_axes.set_ylabel("trials at least as good (%)")
     force_axes.set_xlabel("time in contact within 5 N of the desired force (%)")
-    for ax, limit in ((path_axes, 10), (force_axes, 95)):
+    for ax, limit in ((path_axes, 1e3 * MOST_RMS), (force_axes, 100 * LEAST_PRESSED)):
         ax.axvline(limit, color="0.3", linestyle=":", label="limit")
         ax.set_ylim(0, 103)
         ax.spines[["top", "right"]].set_visible(False)
