@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
-
 from fmp_drake.apps.arm_console import arm_config
 from fmp_drake.apps.options import (
-    Command,
     arm_option,
+    command,
     option,
-    options,
     real_time_option,
 )
 from fmp_drake.apps.page import make_console, write_metrics
@@ -48,14 +45,12 @@ class BenchOptions:
     report: Path | None = option(None, "Write the metrics (.json).")
 
 
-@click.command(
-    cls=Command,
-    examples={
+@command(
+    {
         "fmp-drake arm": "simulate a robot on the default bus",
         "fmp-drake record --arm lcm --out mine.npz": "record from it, in another terminal",
-    },
+    }
 )
-@options(to=BenchOptions, faults=FaultOptions)
 def arm(to: BenchOptions, faults: FaultOptions) -> None:
     """Simulate an arm with the LCM messages of a real one, for tests.
 

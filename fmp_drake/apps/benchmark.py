@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from fmp_drake.apps.options import PATH, Command, option, options
+from fmp_drake.apps.options import PATH, command, option
 from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.benchmark import run_benchmark, write_benchmark
@@ -34,15 +34,13 @@ class BenchmarkOptions:
     )
 
 
-@click.command(
-    cls=Command,
-    examples={
+@command(
+    {
         "fmp-drake benchmark recordings --out scores": "all methods on a folder",
         "fmp-drake benchmark recordings --out scores --method FMP": "one of them again",
-    },
+    }
 )
 @click.argument("folder", type=PATH)
-@options(to=BenchmarkOptions)
 def benchmark(folder: Path, to: BenchmarkOptions) -> None:
     """Compare methods on the recordings in FOLDER: prediction and playback.
 

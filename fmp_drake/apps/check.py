@@ -4,18 +4,15 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
-
 from fmp_drake.apps.arm_console import arm_config
 from fmp_drake.apps.options import (
-    Command,
     LearningOptions,
     RecordingOptions,
     SceneOptions,
     arguments,
     arm_option,
+    command,
     option,
-    options,
 )
 from fmp_drake.apps.page import advice, make_console, print_next, write_metrics
 from fmp_drake.plots import plot_reach
@@ -35,18 +32,11 @@ class CheckOptions:
     arm: str | None = arm_option("Also listen to an arm, without moving it.")
 
 
-@click.command(
-    cls=Command,
-    examples={
+@command(
+    {
         "fmp-drake check --scenario vertical": "a bundled board",
         "fmp-drake check --demo mine.csv --plot reach.png": "a recording of yours",
-    },
-)
-@options(
-    scene=SceneOptions,
-    checks=CheckOptions,
-    learning=LearningOptions,
-    recording=RecordingOptions,
+    }
 )
 def check(
     scene: SceneOptions,

@@ -8,12 +8,11 @@ import click
 
 from fmp_drake.apps.options import (
     PATH,
-    Command,
     RecordingOptions,
     RhythmOptions,
     arguments,
+    command,
     option,
-    options,
 )
 from fmp_drake.apps.page import make_console, print_next
 from fmp_drake.errors import DemonstrationError
@@ -33,17 +32,15 @@ class PictureOptions:
     plot: Path | None = option(None, "Picture of the recordings.")
 
 
-@click.command(
-    cls=Command,
-    examples={
+@command(
+    {
         "fmp-drake inspect mine.csv --plot mine.png": "look at a recording",
         'fmp-drake inspect log.csv --columns "time=stamp [ms],x=px,y=py,z=pz"': (
             "name its columns"
         ),
-    },
+    }
 )
 @click.argument("files", nargs=-1, required=True, type=PATH)
-@options(picture=PictureOptions, rhythm=RhythmOptions, recording=RecordingOptions)
 def inspect(
     files: tuple[Path, ...],
     picture: PictureOptions,

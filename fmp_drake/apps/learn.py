@@ -10,12 +10,11 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from fmp_drake.apps.options import (
     PATH,
-    Command,
     LearningOptions,
     RecordingOptions,
     RhythmOptions,
+    command,
     option,
-    options,
 )
 from fmp_drake.apps.page import make_console, print_next
 from fmp_drake.plots import plot_skill
@@ -60,22 +59,15 @@ class LearnOptions:
     )
 
 
-@click.command(
-    cls=Command,
-    examples={
+@command(
+    {
         "fmp-drake learn mine.csv --out skill.npz": "learn a movement on the board",
         "fmp-drake learn a.csv b.csv --out skill.npz": "two recordings of one movement",
         "fmp-drake learn car.npz --surface fitted --extra orientation --out skill.npz "
         "--board car.yaml": "poses on a surface fitted to the recording",
-    },
+    }
 )
 @click.argument("demonstrations", nargs=-1, required=True, type=PATH)
-@options(
-    skill=LearnOptions,
-    learning=LearningOptions,
-    rhythm=RhythmOptions,
-    recording=RecordingOptions,
-)
 def learn(
     demonstrations: tuple[Path, ...],
     skill: LearnOptions,

@@ -2,13 +2,12 @@
 
 A command takes one argument for each group of options::
 
-    @click.command(cls=Command)
-    @options(play=PlayOptions, page=PageOptions)
+    @command({"fmp-drake wipe --headless": "no page"})
     def wipe(play: PlayOptions, page: PageOptions) -> None: ...
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import wraps
 from pathlib import Path
 from types import NoneType
@@ -77,6 +76,7 @@ class Command(click.Command):
 
     def __init__(self, *args: Any, examples: Mapping[str, str], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
+        self.params.sort(key=lambda parameter: isinstance(parameter, click.Option))
         self._examples = examples
         count = sum(isinstance(parameter, _GroupedOption) for parameter in self.params)
         self._has_more = count > _MOST_OPTIONS
@@ -160,17 +160,25 @@ def option(default: Any = MISSING, help: str | None = None, **details: Any) -> A
     return field(default=default, metadata={"help": help, **details})
 
 
-def options(**groups: type) -> Callable[..., Any]:
-    """Return a decorator that adds the options of dataclasses to a command.
+def command(
+    examples: Mapping[str, str],
+) -> Callable[[Callable[..., None]], Command]:
+    """Return a decorator that makes a function a command.
+
+    Each argument of the function that is a dataclass becomes a group of options, with
+    the first line of the dataclass's docstring as its title.
 
     Parameters
     ----------
-    groups : type
-        Dataclass of each argument of the command.
+    examples : mapping from str to str
+        Command lines for the help, each with its purpose.
     """
 
-    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
-        @wraps(command)
+    def decorate(function: Callable[..., None]) -> Command:
+        hints = get_type_hints(function)
+        groups: dict[str, Any] = {n: t for n, t in hints.items() if is_dataclass(t)}
+
+        @wraps(function)
         def run(**values: Any) -> None:
             for name, group in groups.items():
                 settings = {f.name: values.pop(f.name) for f in fields(group)}
@@ -179,14 +187,14 @@ def options(**groups: type) -> Callable[..., Any]:
                     if limits and (value := settings[item.name]) is not None:
                         check_number(value, item.name, error=FmpError, **limits)
                 values[name] = group(**settings)
-            command(**values)
+            function(**values)
 
         for group in reversed(groups.values()):
             hints = get_type_hints(group)
             title = (group.__doc__ or "").partition(".\n")[0].strip().rstrip(".")
             for item in reversed(fields(group)):
                 run = _click_option(item, hints[item.name], title)(run)
-        return run
+        return click.command(cls=Command, examples=examples)(run)
 
     return decorate
 

@@ -4,17 +4,15 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import click
 from pydrake.systems.analysis import Simulator
 
 from fmp_drake.apps.arm_console import arm_config, guide_arm, recorded_text
 from fmp_drake.apps.options import (
-    Command,
     ScenarioOptions,
     arm_option,
+    command,
     host_option,
     option,
-    options,
 )
 from fmp_drake.apps.page import make_console, open_page, print_next, show_progress
 from fmp_drake.errors import RunError
@@ -47,14 +45,12 @@ class RecordOptions(ScenarioOptions):
     host: str = host_option()
 
 
-@click.command(
-    cls=Command,
-    examples={
+@command(
+    {
         "fmp-drake record --task eight --out eight.npz": "two minutes of the figure 8",
         "fmp-drake record --task stirring --scenario stir --out stir.npz": "with orientation",
-    },
+    }
 )
-@options(to=RecordOptions)
 def record(to: RecordOptions) -> None:
     """Record a demonstration: a simulated person guides the arm over the board.
 

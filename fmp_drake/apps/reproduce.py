@@ -4,10 +4,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
 from rich.console import Console
 
-from fmp_drake.apps.options import Command, option, options
+from fmp_drake.apps.options import command, option
 from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.experiments import FULL, QUICK, Profile, write_report
 from fmp_drake.experiments.report import Section
@@ -22,13 +21,11 @@ class ReproduceOptions:
     quick: bool = option(False, "Fewer samples and seeds: 1 to 2 minutes.")
 
 
-@click.command(
-    cls=Command,
-    examples={
+@command(
+    {
         "fmp-drake reproduce --out report --quick": "the report in a few minutes",
-    },
+    }
 )
-@options(to=ReproduceOptions)
 def reproduce(to: ReproduceOptions) -> None:
     """Rerun the paper's experiments and write a report with figures and tables."""
     console = make_console()

@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
-
-from fmp_drake.apps.options import Command, option, options
+from fmp_drake.apps.options import command, option
 from fmp_drake.apps.page import make_console, print_table
 from fmp_drake.errors import RunError
 from fmp_drake.experiments.scenario_page import measure_scenarios, scenario_page
@@ -25,10 +23,7 @@ class ScenariosOptions:
     duration: float = option(60.0, "Simulated time of each run, s.", above=0)
 
 
-@click.command(
-    cls=Command, examples={"fmp-drake scenarios": "the names, for --scenario NAME"}
-)
-@options(to=ScenariosOptions)
+@command({"fmp-drake scenarios": "the names, for --scenario NAME"})
 def scenarios(to: ScenariosOptions) -> None:
     """List the scenarios that come with the package."""
     console, markdown = make_console(), to.markdown

@@ -5,8 +5,6 @@ from itertools import count
 from math import inf
 from pathlib import Path
 
-import click
-
 from fmp_drake.apps.arm_console import (
     ARM_MODEL,
     arm_config,
@@ -15,12 +13,11 @@ from fmp_drake.apps.arm_console import (
 )
 from fmp_drake.apps.options import (
     SKILL_FLAGS,
-    Command,
     ScenarioOptions,
     arm_option,
+    command,
     host_option,
     option,
-    options,
 )
 from fmp_drake.apps.page import ended_page, get_ready, make_console, open_page
 from fmp_drake.errors import StationError
@@ -56,14 +53,12 @@ class TeachOptions(ScenarioOptions):
     host: str = host_option()
 
 
-@click.command(
-    cls=Command,
-    examples={
+@command(
+    {
         "fmp-drake teach": "guide the arm with the mouse on a page",
         "fmp-drake teach --scenario vertical --skill mine.npz": "on another board",
-    },
+    }
 )
-@options(to=TeachOptions)
 def teach(to: TeachOptions) -> None:
     """Teach the arm with the mouse: drag it on the page, press learn, and it continues.
 

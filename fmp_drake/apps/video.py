@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from fmp_drake.apps.options import PATH, Command, option, options
+from fmp_drake.apps.options import PATH, command, option
 from fmp_drake.apps.page import make_console, track_frames
 from fmp_drake.film.encode import convert_frames
 from fmp_drake.primitives.data.files import check_writable
@@ -19,15 +19,13 @@ class VideoOptions:
     fps: int = option(60, "Frames per second of the film.", above=0)
 
 
-@click.command(
-    cls=Command,
-    examples={
+@command(
+    {
         "fmp-drake video frames.tar run.mp4": "a film of frames recorded on the page",
-    },
+    }
 )
 @click.argument("frames", type=PATH)
 @click.argument("out", type=PATH)
-@options(to=VideoOptions)
 def video(frames: Path, out: Path, to: VideoOptions) -> None:
     """Turn FRAMES, the .tar file of the page's recorder, into the film OUT.
 

@@ -12,14 +12,13 @@ from rich.console import Console
 
 from fmp_drake.apps.arm_console import ARM_MODEL, arm_config, wipe_with_arm
 from fmp_drake.apps.options import (
-    Command,
     LearningOptions,
     RecordingOptions,
     SceneOptions,
     arm_option,
+    command,
     host_option,
     option,
-    options,
     real_time_option,
 )
 from fmp_drake.apps.page import (
@@ -139,23 +138,13 @@ class ArmOptions:
             )
 
 
-@click.command(
-    cls=Command,
-    examples={
+@command(
+    {
         "fmp-drake wipe": "wipe a table top, with a page to watch and pull the arm",
         "fmp-drake wipe --scenario vertical --tempo 0.8": "another board, slower",
         "fmp-drake wipe --demo mine.csv": "learn from your recording",
         "fmp-drake wipe --headless --plot run.png": "no page, a picture of the run",
-    },
-)
-@options(
-    scene=SceneOptions,
-    play=PlayOptions,
-    page=PageOptions,
-    files=RunFiles,
-    arm=ArmOptions,
-    learning=LearningOptions,
-    recording=RecordingOptions,
+    }
 )
 def wipe(
     scene: SceneOptions,

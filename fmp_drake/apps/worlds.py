@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from fmp_drake.apps.options import Command, option, options
+from fmp_drake.apps.options import command, option
 from fmp_drake.apps.page import make_console, make_progress
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.trials import TrialSpec, TrialStore, run_trials
@@ -63,15 +63,13 @@ class ReplayOptions:
     video: Path | None = option(None, "Render a film of the trial (.mp4, .gif).")
 
 
-@click.command(
-    cls=Command,
-    examples={
+@command(
+    {
         "fmp-drake worlds default --count 20 --out trials": "20 scenarios, and a report",
         "fmp-drake worlds trials --replay 7 --html seven.html": "one of them again",
-    },
+    }
 )
 @click.argument("source")
-@options(to=TrialsOptions, output=TrialsOutput, one=ReplayOptions)
 def worlds(
     source: str, to: TrialsOptions, output: TrialsOutput, one: ReplayOptions
 ) -> None:
