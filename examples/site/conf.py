@@ -95,10 +95,15 @@ sphinx_gallery_conf = {
 }
 
 
+def heading(title: str, mark: str) -> list[str]:
+    """Return the lines of a heading that is underlined with a mark."""
+    return [title, mark * len(title), ""]
+
+
 def write_api(folder: Path) -> None:
     """Write a page for each front door, with every public name."""
     folder.mkdir(parents=True, exist_ok=True)
-    lines = ["API", "===", "", "By task; by package at the end.", ""]
+    lines = [*heading("API", "="), "By task; by package at the end.", ""]
     by_task: dict[str, list[str]] = {task: [] for task in TASKS}
     for name, purpose in FRONT_DOORS.items():
         public = import_module(name).__all__
@@ -107,31 +112,16 @@ def write_api(folder: Path) -> None:
             by_task[task_of(str(module or name))].append(f"{name}.{symbol}")
         classes = [n for n in public if n[0].isupper() and not n.isupper()]
         others = [n for n in public if n not in classes]
-        page = [
-            name,
-            "=" * len(name),
-            "",
-            purpose,
-            "",
-            f".. currentmodule:: {name}",
-            "",
-        ]
+        page = [*heading(name, "="), purpose, "", f".. currentmodule:: {name}", ""]
         for group in (classes, others):
             if group:
                 page += [".. autosummary::", "   :toctree: ../api", ""]
                 page += [*(f"   {symbol}" for symbol in group), ""]
         (folder / f"{name}.rst").write_text("\n".join(page), encoding="utf-8")
     for task, names in by_task.items():
-        lines += [
-            task,
-            "-" * len(task),
-            "",
-            ".. autosummary::",
-            "   :nosignatures:",
-            "",
-        ]
+        lines += [*heading(task, "-"), ".. autosummary::", "   :nosignatures:", ""]
         lines += [*(f"   ~{name}" for name in names), ""]
-    lines += ["By package", "----------", "", ".. toctree::", "   :maxdepth: 1", ""]
+    lines += [*heading("By package", "-"), ".. toctree::", "   :maxdepth: 1", ""]
     lines += [f"   {name}" for name in FRONT_DOORS]
     (folder / "index.rst").write_text("\n".join([*lines, ""]), encoding="utf-8")
 
@@ -153,7 +143,7 @@ def write_changelog(folder: Path) -> None:
         line = line.replace("`", "``").replace("*.md", r"\*.md")
         marks, _, title = line.partition(" ")
         if title and set(marks) == {"#"}:
-            lines += ["", title, {1: "=", 2: "-", 3: "~"}[len(marks)] * len(title), ""]
+            lines += ["", *heading(title, "=-~"[len(marks) - 1])]
         elif not line.startswith("|"):
             lines.append(line)
         elif not line.startswith("|---"):
@@ -173,9 +163,7 @@ def write_scenarios(folder: Path, replays: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     replays.mkdir(parents=True, exist_ok=True)
     lines = [
-        "Scenarios",
-        "=========",
-        "",
+        *heading("Scenarios", "="),
         f"A replay of {REPLAY_SECONDS:.0f} seconds of each scenario; the settings of the viewer",
         "control time and speed. ``fmp-drake wipe --scenario NAME`` runs a scenario for any",
         "duration; ``fmp-drake scenarios`` lists them.",
@@ -198,7 +186,7 @@ def write_scenarios(folder: Path, replays: Path) -> None:
             run.remove_controls()
             file.write_text(run.html(title=name), encoding="utf-8")
             panel.close()
-        lines += [name, "-" * len(name), "", scenario.description, ""]
+        lines += [*heading(name, "-"), scenario.description, ""]
         lines += [
             ".. raw:: html",
             "",
