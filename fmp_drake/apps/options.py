@@ -25,8 +25,6 @@ from fmp_drake.station import LoadScenario, Scenario
 PATH = click.Path(path_type=Path)
 """Type of an argument that is a path."""
 
-DEMONSTRATION_FLAGS = ("--demonstration", "--demo")
-"""Names of an option for a recording to learn from."""
 SKILL_FLAGS = ("--skill-file", "--skill")
 """Names of an option for a skill file."""
 
@@ -309,7 +307,7 @@ class SceneOptions(ScenarioOptions):
     demonstrations: tuple[Path, ...] = option(
         (),
         "Learn from this recording instead of the scenario's; may be repeated.",
-        flags=DEMONSTRATION_FLAGS,
+        flags=("--demonstration", "--demo"),
     )
     skill_file: Path | None = option(
         None, "Play this skill file (.npz) instead.", flags=SKILL_FLAGS

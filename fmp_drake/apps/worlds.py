@@ -16,7 +16,7 @@ from fmp_drake.experiments.trials.running import replay_trial
 from fmp_drake.experiments.trials.store import check_parquet
 from fmp_drake.experiments.trials.trial import faults
 from fmp_drake.experiments.trials.trials_report import TrialsReport
-from fmp_drake.film import check_film, film_size
+from fmp_drake.film import check_film
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.processes import ClusterWorkers, LocalWorkers, Workers
 
@@ -83,7 +83,7 @@ def worlds(
     for path in (output.parquet, one.html):
         check_writable(path)
     check_writable(output.markdown, "Markdown", [".md"])
-    check_film(one.video, fps=20, speed=1, size=film_size(640))
+    check_film(one.video)
     if output.parquet is not None:
         check_parquet()
     if one.replay is None and (one.html or one.video):

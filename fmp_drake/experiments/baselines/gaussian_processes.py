@@ -199,12 +199,11 @@ class RecordingGP(Method):
         longest = max(recordings, key=len)
         times = np.arange(float(len(longest)))
         values = (longest - self._mean) / self._scale
-        step = max(1, -(-len(times) // _MOST_POINTS))
+        step = -(-len(times) // _MOST_POINTS)
         times, values = times[::step], values[::step]
-        start = slice(0, min(len(times), _MOST_POINTS_OF_LIKELIHOOD))
+        start = slice(_MOST_POINTS_OF_LIKELIHOOD)
         units = np.ones(8)
         units[[3, 5, 7]] = period
-        self._period = period
 
         def cost(logs: Array, y: Array) -> float:
             covariance = _kernel(np.exp(logs) * units, times[start], times[start])

@@ -54,10 +54,10 @@ def run_cleaning(
     out: Path,
     workers: Workers,
     *,
-    methods: Sequence[str] = (),
-    duration: float = 60.0,
-    seeds: int = 5,
-    progress: Progress = lambda _: None,
+    methods: Sequence[str],
+    duration: float,
+    seeds: int,
+    progress: Progress,
 ) -> dict[str, MethodScores]:
     """Let methods clean the board with the movement of a recording.
 

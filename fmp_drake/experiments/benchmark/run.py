@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -36,10 +37,10 @@ Progress = Callable[[str], None]
 STEPS = (5, 10, 20)
 """Steps at which the coverage of the 95 % ellipsoids is measured: 0.25, 0.5 and 1 s."""
 
-# Numbers of cycles after which a playback is scored, too, and its duration, s.
+# Numbers of learned cycles for which playback is scored as well, and its duration, s.
 _PLAYED_CYCLES = ("2", "4", "all")
 _PLAYED_SECONDS = 60.0
-# Start of a playback that is not scored, s.
+# Time at the start of a playback that is not scored, s.
 _SETTLING_TIME = 10.0
 # Distance from the demonstrated path, relative to the size of the movement, up to which a
 # playback stays near it.
@@ -229,10 +230,9 @@ def score_predictions(
         "error_mm": 1e3 * float(np.sqrt(np.mean(mean_squares))),
         "log_density": float(np.mean(densities)) if densities else None,
     }
-    fractions = np.mean(coverage, axis=0) if coverage else [None] * len(STEPS)
-    for step, fraction in zip(STEPS, fractions, strict=True):
-        scores[f"inside_{step}"] = None if fraction is None else float(fraction)
-    return scores
+    fractions = np.mean(coverage, axis=0).tolist() if coverage else [None] * len(STEPS)
+    names = [f"inside_{step}" for step in STEPS]
+    return scores | dict(zip(names, fractions, strict=True))
 
 
 def score_playback(
@@ -252,27 +252,22 @@ def score_playback(
     path = method.play(past, round(_PLAYED_SECONDS * RATE), seed=seed)
     if path is None:
         return None
+    scores: dict[str, Any] = dict.fromkeys(("stays", "size", "tempo", "variety"))
     if not np.all(np.isfinite(path)):
-        return {"stays": 0.0, "size": None, "tempo": None, "variety": None}
+        return scores | {"stays": 0.0}
     path = path[round(_SETTLING_TIME * RATE) :]
     samples = np.concatenate(movement.parts)
     size = _size([samples])
     distances = KDTree(samples).query(path)[0]
-    scores: dict[str, Any] = {
-        "stays": float(np.mean(distances < _NEAR * size)),
-        "size": _size([path]) / size,
-        "tempo": None,
-        "variety": None,
-    }
-    try:
+    scores["stays"] = float(np.mean(distances < _NEAR * size))
+    scores["size"] = _size([path]) / size
+    with suppress(DemonstrationError):
         period = movement_period([path])
-    except DemonstrationError:
-        return scores
-    scores["tempo"] = movement.period / period
-    demonstrated_variation = _variation(movement.parts, movement.period)
-    variation = _variation([path], period)
-    if demonstrated_variation is not None and variation is not None:
-        scores["variety"] = variation / demonstrated_variation
+        scores["tempo"] = movement.period / period
+        demonstrated_variation = _variation(movement.parts, movement.period)
+        variation = _variation([path], period)
+        if demonstrated_variation is not None and variation is not None:
+            scores["variety"] = variation / demonstrated_variation
     return scores
 
 

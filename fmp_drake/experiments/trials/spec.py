@@ -167,7 +167,6 @@ class TrialSpec:
                 f"distributions have the keys {', '.join(_KEYS)}; got "
                 f"{', '.join(map(shown, keys))}."
             )
-        self.description = str(content.get("description", ""))
         base = content.get("base", "table_top")
         self._base = _read("base", base if isinstance(base, dict) else str(base))
         names = self._base.values if isinstance(self._base, Distribution) else [base]

@@ -65,6 +65,7 @@ class TrialStore:
         with self._reported():
             folder.mkdir(parents=True, exist_ok=True)
             self._base = sqlite3.connect(file, isolation_level=None)
+            self._base.row_factory = sqlite3.Row
             self._base.execute("PRAGMA journal_mode=WAL")
             self._base.executescript(_TABLES)
             self.plan: dict[str, str] = self._planned(plan or {})
@@ -166,11 +167,9 @@ class TrialStore:
 
     def trials(self) -> list[Trial]:
         """Return the last row of each trial, in the order of their numbers."""
-        cursor = self._base.execute("SELECT * FROM worlds ORDER BY rowid")
-        names = [column[0] for column in cursor.description]
         trials = {}
-        for values in cursor:
-            row = dict(zip(names, values, strict=True))
+        for stored in self._base.execute("SELECT * FROM worlds ORDER BY rowid"):
+            row = dict(stored)
             row |= {name: json.loads(row[name]) for name in _JSON}
             row["is_feasible"] = bool(row["is_feasible"])
             del row["key"]

@@ -85,11 +85,6 @@ class Trial:
         return fields
 
     @property
-    def max_torque_rate(self) -> float:
-        """Greatest rate of a joint torque that the robot accepts, Nm/s."""
-        return LoadRobot(self.fields.get("robot", DEFAULT_ROBOT)).max_torque_rate
-
-    @property
     def has_board(self) -> bool:
         """Return whether there is a board, or free space."""
         return self.fields["board"].get("shape") != "none"
@@ -168,6 +163,7 @@ def _judged(trial: Trial) -> Iterator[Fault]:
     metrics = trial.metrics or {}
     pushes = trial.fields["disturbances"]
     desired = trial.fields["press"]["force"] if trial.has_board else 0.0
+    robot = LoadRobot(trial.fields.get("robot", DEFAULT_ROBOT))
 
     def value(name: str, default: float = 0.0) -> float:
         measured = metrics.get(name)
@@ -184,7 +180,7 @@ def _judged(trial: Trial) -> Iterator[Fault]:
     for name, limit, unit, what in (
         ("torque_ratio_max", 1.0, " of its limit", "a joint's torque"),
         ("joint_speed_ratio_max", 1.0, " of its limit", "a joint's speed"),
-        ("torque_rate_max_nm_per_s", trial.max_torque_rate, " Nm/s", "a torque's rate"),
+        ("torque_rate_max_nm_per_s", robot.max_torque_rate, " Nm/s", "a torque's rate"),
     ):
         most = value(name)
         text = f"{what} reaches {most:.4g}{unit}"

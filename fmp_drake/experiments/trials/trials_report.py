@@ -388,17 +388,16 @@ def _draw_numbers(ax: Axes, values: Any, passed: Any) -> None:
 
 
 def _draw_choices(ax: Axes, values: Sequence[Any], passed: Sequence[bool]) -> None:
-    choices = sorted({str(value) for value in values})
-    for i, choice in enumerate(choices):
+    choices = {str(value): value for value in values}
+    names = sorted(choices)
+    for i, choice in enumerate(names):
         pairs = zip(values, passed, strict=True)
         _draw_fraction(ax, i, [ok for value, ok in pairs if str(value) == choice])
-    labels = [f"{float(c):.3g}" if _is_decimal(c) else c for c in choices]
-    ax.set_xticks(range(len(choices)), labels)
-    ax.set_xlim(-0.5, max(len(choices), 1) - 0.5)
-
-
-def _is_decimal(text: str) -> bool:
-    return text.replace(".", "", 1).removeprefix("-").isdecimal()
+    labels = [
+        f"{choices[n]:.3g}" if isinstance(choices[n], float) else n for n in names
+    ]
+    ax.set_xticks(range(len(names)), labels)
+    ax.set_xlim(-0.5, len(names) - 0.5)
 
 
 def _draw_fraction(ax: Axes, x: float, passed: Sequence[bool]) -> None:
