@@ -132,8 +132,20 @@ def align_periods(
 
 def _starts(spline: CubicSpline, end: int, template: Array, period: float) -> Array:
     """Return the starts of the periods in a recording, samples, ascending."""
-    candidates = np.linspace(0, period, 2 * _CANDIDATES, endpoint=False)
-    starts = [_best_start(spline, end, template, period, candidates)]
+    n = len(template)
+    offsets = np.arange(n) - n // 2
+
+    def best_start(candidates: Array) -> float:
+        """Return the time between samples around which the template fits best."""
+        times = candidates[:, None] + offsets * period / n
+        is_inside = (times >= 0) & (times <= end)
+        errors = spline(np.clip(times, 0, end)) - template[offsets % n]
+        squares = np.sum(errors**2, axis=2) * is_inside
+        cost = squares.sum(axis=1) / is_inside.sum(axis=1)
+        best = parabola_top(-cost, int(np.argmin(cost)))
+        return float(candidates[0] + best * (candidates[1] - candidates[0]))
+
+    starts = [best_start(np.linspace(0, period, 2 * _CANDIDATES, endpoint=False))]
     factors = np.linspace(1 - _TEMPO_RANGE, 1 + _TEMPO_RANGE, _CANDIDATES)
     while True:
         candidates = starts[-1] + period * factors
@@ -141,23 +153,4 @@ def _starts(spline: CubicSpline, end: int, template: Array, period: float) -> Ar
         # The next start may be beyond the end.
         if len(candidates) < _CANDIDATES // 2:
             return np.array(starts)
-        starts.append(_best_start(spline, end, template, period, candidates))
-
-
-def _best_start(
-    spline: CubicSpline,
-    end: int,
-    template: Array,
-    period: float,
-    candidates: Array,
-) -> float:
-    """Return the time between samples around which the template fits best."""
-    n = len(template)
-    offsets = np.arange(n) - n // 2
-    times = candidates[:, None] + offsets * period / n
-    is_inside = (times >= 0) & (times <= end)
-    errors = spline(np.clip(times, 0, end)) - template[offsets % n]
-    squares = np.sum(errors**2, axis=2) * is_inside
-    cost = squares.sum(axis=1) / is_inside.sum(axis=1)
-    best = parabola_top(-cost, int(np.argmin(cost)))
-    return float(candidates[0] + best * (candidates[1] - candidates[0]))
+        starts.append(best_start(candidates))
