@@ -5,7 +5,7 @@ import pytest
 
 from fmp_drake import FmpError
 from fmp_drake.experiments.trials import TrialSpec
-from fmp_drake.experiments.trials.spec import Distribution
+from fmp_drake.experiments.trials.spec import Distribution, read_value
 from fmp_drake.station import ParseScenario
 
 SPEC = """
@@ -158,7 +158,7 @@ fields: {friction.enabled: true, impedance.friction_compensation.enabled: true}
 )
 def test_normal_distribution_of_narrow_bounds_is_drawn_between_them(least, most):
     values = [1.0, 1e12, least, most]
-    distribution = Distribution.read({"normal": values}, "it")
+    distribution = read_value("it", {"normal": values})
     rng = np.random.default_rng(0)
     drawn = [distribution.draw(rng) for _ in range(50)]
     assert least <= min(drawn) <= max(drawn) <= most

@@ -54,22 +54,6 @@ class Distribution:
     kind: str
     values: tuple[Any, ...]
 
-    @classmethod
-    def read(cls, mapping: Mapping[str, Any], name: str) -> "Distribution":
-        """Read a distribution such as ``{uniform: [0, 1]}``.
-
-        Raises
-        ------
-        ExperimentError
-            If the values are invalid; it lists the allowed ones.
-        """
-        ((kind, values),) = mapping.items()
-        if not _is_valid(kind, values):
-            raise ExperimentError(
-                f"{name} is {{{kind}: {shown(values)}}}; expected {kind}: {KINDS[kind]}."
-            )
-        return cls(kind, tuple(values))
-
     def draw(self, rng: np.random.Generator) -> Any:
         """Draw a value."""
         if self.kind == "choice":
@@ -92,6 +76,29 @@ class Distribution:
     def extremes(self) -> tuple[Any, ...]:
         """Return the least and the greatest value, or all choices."""
         return self.values[2:] if self.kind == "normal" else self.values
+
+
+def read_value(name: str, value: Any) -> Any:
+    """Read a distribution such as ``{uniform: [0, 1]}``; return another value unchanged.
+
+    Raises
+    ------
+    ExperimentError
+        If the values of a distribution are invalid; it lists the allowed ones.
+    """
+    if not _is_distribution(value):
+        return value
+    ((kind, values),) = value.items()
+    if not _is_valid(kind, values):
+        raise ExperimentError(
+            f"{name} is {{{kind}: {shown(values)}}}; expected {kind}: {KINDS[kind]}."
+        )
+    return Distribution(kind, tuple(values))
+
+
+def _is_distribution(value: Any) -> bool:
+    """Return whether a value from YAML is a distribution."""
+    return isinstance(value, Mapping) and len(value) == 1 and set(value) <= set(KINDS)
 
 
 def _is_valid(kind: str, values: Any) -> bool:
@@ -168,9 +175,9 @@ class TrialSpec:
                 f"{', '.join(map(shown, keys))}."
             )
         base = content.get("base", "table_top")
-        self._base = _read("base", base if isinstance(base, dict) else str(base))
+        self._base = read_value("base", base if isinstance(base, dict) else str(base))
         names = self._base.values if isinstance(self._base, Distribution) else [base]
-        self._robot = _read("robot", content.get("robot"))
+        self._robot = read_value("robot", content.get("robot"))
         self._bases = {name: self._load(str(name)) for name in names}
         self._fields = dict(_leaves(content.get("fields") or {}))
         self._offsets = dict(_leaves(content.get("offsets") or {}))
@@ -181,7 +188,7 @@ class TrialSpec:
                 f"disturbances is {shown(disturbances)}; expected a mapping with count "
                 "and each."
             )
-        self._count = _read(_COUNT, disturbances.get("count", 1))
+        self._count = read_value(_COUNT, disturbances.get("count", 1))
         self._disturbance = dict(_leaves(disturbances.get("each") or {}))
         self._check()
 
@@ -316,11 +323,6 @@ class TrialSpec:
         return str((self.folder / value).resolve()) if is_file else value
 
 
-def _read(name: str, value: Any) -> Any:
-    """Read a distribution; return any other value unchanged."""
-    return Distribution.read(value, name) if _is_distribution(value) else value
-
-
 def _as_mapping(value: Any) -> Any:
     """Return a scenario, or a part of one, as mappings and lists with every key."""
     if isinstance(value, list):
@@ -343,12 +345,7 @@ def _leaves(tree: Any, name: str = "") -> Iterator[tuple[str, Any]]:
         for i, value in enumerate(tree):
             yield from _leaves(value, f"{name}[{i}]")
     else:
-        yield name, _read(name, tree)
-
-
-def _is_distribution(value: Any) -> bool:
-    """Return whether a value from YAML is a distribution."""
-    return isinstance(value, Mapping) and len(value) == 1 and set(value) <= set(KINDS)
+        yield name, read_value(name, tree)
 
 
 def _put(fields: dict[str, Any], name: str, value: Any) -> None:
