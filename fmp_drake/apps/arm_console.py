@@ -1,6 +1,5 @@
 """Operator console of an arm behind LCM."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -8,12 +7,12 @@ from rich.console import Console
 from fmp_drake.apps.page import write_metrics
 from fmp_drake.apps.terminal import has_terminal, is_enter_pressed
 from fmp_drake.errors import RunError, StationError
-from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.primitives import Demonstration
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.runs import ArmRun, record_arm
 from fmp_drake.station import LcmPanda, Scenario
 from fmp_drake.station.robots.panda_lcm import LoadPanda
-from fmp_drake.systems import GateMode, PagePanel
+from fmp_drake.systems import GateMode
 from fmp_drake.systems.page.page_panel import PanelFields
 from fmp_drake.systems.page.page_status import mode_in_words
 
@@ -64,30 +63,30 @@ def recorded_text(demonstration: Demonstration) -> str:
 
 def wipe_with_arm(
     console: Console,
-    scenario: Scenario,
-    skill: FourierMovementPrimitive,
-    config: LcmPanda,
+    run: ArmRun,
     duration: float,
     *,
     go: bool = False,
-    panel: PagePanel | None = None,
-    demonstrations: Sequence[Demonstration] = (),
     report: Path | None = None,
 ) -> None:
-    """Play a skill on an arm; Enter enables and stops it."""
+    """Play the skill of a run on an arm; Enter enables and stops it.
+
+    Parameters
+    ----------
+    console : Console
+    run : ArmRun
+    duration : float
+        Longest time, s.
+    go : bool
+        Enable the arm without Enter.
+    report : pathlib.Path, optional
+        File for the metrics (.json).
+    """
     if not (go or has_terminal()):
         raise RunError(
             "there is no terminal in which to enable the arm; use one, or --go for a "
             "simulated arm."
         )
-    run = ArmRun(
-        scenario,
-        skill,
-        config,
-        meshcat=None if panel is None else panel.meshcat,
-        panel=panel,
-        demonstrations=demonstrations,
-    )
     if has_terminal():
         console.print("Enter enables the arm, and stops it; Ctrl-C ends the program")
     last_state = None
@@ -102,8 +101,8 @@ def wipe_with_arm(
             last_state = state
             reason = f" ({run.faults.name})" if run.faults else ""
             console.print(f"{run.mode.name.lower()}{reason}")
-        if panel is not None:
-            panel.show(**arm_in_words(run))
+        if run.panel is not None:
+            run.panel.show(**arm_in_words(run))
         if is_enter_pressed():
             (run.stop if run.mode.is_enabled else run.go)()
         elif go and steps % _REQUEST_STEPS == 0 and run.mode is GateMode.WAITING:
@@ -119,8 +118,8 @@ def wipe_with_arm(
         console.print("what went wrong: ", end="")
         console.print("; ".join(event.text for event in events) or "nothing")
         metrics["events"] = [event._asdict() for event in events]
-        if panel is not None:
-            panel.show(mode="ended", level="idle", detail="nothing is sent")
+        if run.panel is not None:
+            run.panel.show(mode="ended", level="idle", detail="nothing is sent")
         write_metrics(console, metrics, report)
 
 

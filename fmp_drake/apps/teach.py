@@ -24,7 +24,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.primitives import save_skill
 from fmp_drake.primitives.data.demonstration import check_ending
 from fmp_drake.primitives.data.files import check_writable
-from fmp_drake.runs import TeachingSession
+from fmp_drake.runs import ArmRun, TeachingSession
 from fmp_drake.runs.teach_page import TeachPage
 from fmp_drake.skills import learn_skill
 from fmp_drake.station import CheckFeasibility, MouseOnPage, WarmUp
@@ -84,7 +84,7 @@ def teach(to: TeachOptions) -> None:
         feasibility = CheckFeasibility(scene, skill)
         if not feasibility.is_feasible:
             raise StationError(feasibility.verdict)
-        wipe_with_arm(console, scene, skill, config, inf)
+        wipe_with_arm(console, ArmRun(scene, skill, config), inf)
         return
     panel = open_page(title=f"teach: {Path(to.scenario).stem}", host=to.host)
     with ended_page(panel):

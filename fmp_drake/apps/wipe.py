@@ -37,7 +37,7 @@ from fmp_drake.apps.page import (
 from fmp_drake.apps.run_report import RunFiles, report_rows
 from fmp_drake.apps.terminal import has_terminal
 from fmp_drake.errors import RunError, StationError
-from fmp_drake.runs import MakeRun, StationRun
+from fmp_drake.runs import ArmRun, MakeRun, StationRun
 from fmp_drake.runs.events import ADVICE
 from fmp_drake.runs.real_time import request_priority
 from fmp_drake.runs.simulation_loop import advance, reset
@@ -203,34 +203,29 @@ def wipe(
         say(console, panel, feasibility.verdict)
         wait_for_law(console, panel, law)
 
+        options: dict[str, Any] = {
+            "demonstrations": demonstrations,
+            "meshcat": None if panel is None else panel.meshcat,
+            "panel": panel,
+        }
         if config is not None:
             # The page shows a real arm, and controls it only with --controls.
             scenario.show.ink = scenario.show.force = scenario.show.mouse = False
             scenario.show.controls = arm.controls
             for refusal in request_priority() if arm.real_time else ():
                 console.print(refusal)
-            wipe_with_arm(
-                console,
-                scenario,
-                skill,
-                config,
-                play.least_duration,
-                go=arm.go,
-                panel=panel,
-                demonstrations=demonstrations,
-                report=files.report,
-            )
+            arm_run = ArmRun(scenario, skill, config, **options)
+            duration = play.least_duration
+            wipe_with_arm(console, arm_run, duration, go=arm.go, report=files.report)
             return
         run = MakeRun(
             scenario,
             skill,
-            demonstrations=demonstrations,
             sample=play.sample,
             seed=play.seed,
-            meshcat=None if panel is None else panel.meshcat,
-            panel=panel,
             recording=files.html is not None,
             keep=files.signals(),
+            **options,
         )
         about = {"scenario": scene.scenario, "learn_seconds": learn_seconds}
         _simulate(console, run, play, page, files, about=about, title=title)
