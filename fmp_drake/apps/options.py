@@ -74,6 +74,7 @@ class Command(click.Command):
 
     def __init__(self, *args: Any, examples: Mapping[str, str], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
+        # The first missing parameter is reported: an argument before an option.
         self.params.sort(key=lambda parameter: isinstance(parameter, click.Option))
         self._examples = examples
         count = sum(isinstance(parameter, _GroupedOption) for parameter in self.params)
