@@ -200,6 +200,8 @@ def wipe(
                 f"{feasibility.verdict} {advice(feasibility, scene, learning, recording)} "
                 "--force runs it anyway."
             )
+        if scenario.skill.tempo == feasibility.suggested_tempo:  # A viewer has set it.
+            feasibility = CheckFeasibility(scenario, skill)
         say(console, panel, feasibility.verdict)
         wait_for_law(console, panel, law)
 

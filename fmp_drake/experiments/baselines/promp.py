@@ -216,7 +216,13 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
             raise ExperimentError("there is 1 window; at least 2 are needed.")
         for name in ("ridge", "reg_covar", "tolerance"):
             check_number(getattr(self, name), name, above=0, error=ExperimentError)
-        check_number(self.n_components, "n_components", least=1, error=ExperimentError)
+        check_number(
+            self.n_components,
+            "n_components",
+            least=1,
+            whole=True,
+            error=ExperimentError,
+        )
         self.n_steps_, self.n_channels_ = windows.shape[1:]
         if isinstance(self.frequencies, int):
             period = movement_period(joined_recordings(windows))

@@ -142,7 +142,7 @@ def checked_methods(names: Sequence[str]) -> list[str]:
     for name in names:
         if name not in available:
             raise ExperimentError(
-                f"there is no method {name!r}; the methods are {', '.join(available)}."
+                f"there is no method {name!r}; the methods are {'; '.join(available)}."
             )
     return list(names or available)
 

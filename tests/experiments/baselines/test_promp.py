@@ -174,6 +174,11 @@ def test_too_little_regularisation_is_an_error_that_names_it(eight_windows):
         ProMP(**SMALL, n_components=10, reg_covar=1e-300).fit(eight_windows)
 
 
+def test_half_a_component_is_refused(eight_windows):
+    with pytest.raises(ExperimentError, match=r"n_components is 1\.5"):
+        ProMP(**SMALL, n_components=1.5).fit(eight_windows)
+
+
 def test_components_are_at_most_half_the_windows(eight_windows):
     model = ProMP(**SMALL, n_components=10).fit(eight_windows[:5])
     assert len(model.proportions_) == 2
