@@ -1,13 +1,27 @@
-"""Processes that are forked from one that has imported the package.
+"""Processes that are forked from one that has imported the package, and is warmed up.
 
-They start in milliseconds; a new Python that imports Drake takes two seconds of a core.
+They start in milliseconds; a new Python that imports Drake takes two seconds of a core,
+and another one to read what is compiled.
 """
 
 import multiprocessing
 import os
 import sys
+from multiprocessing.forkserver import ensure_running
+
+import pytest
 
 _context = multiprocessing.get_context("forkserver")
+_PRELOADED = ["fmp_drake.apps.arm", "fmp_drake.apps.wipe", "warmed_up"]
+
+
+def forkserver():
+    """Return the context of these processes."""
+    _context.set_forkserver_preload(_PRELOADED)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+        ensure_running()
+    return _context
 
 
 class Forked(_context.Process):
@@ -27,7 +41,7 @@ class Forked(_context.Process):
         super().__init__(target=function, args=arguments)
         self._output, self._folder = output, folder
         output.touch()
-        _context.set_forkserver_preload(["fmp_drake.apps.arm", "fmp_drake.apps.wipe"])
+        forkserver()
         self.start()
 
     def run(self):
