@@ -48,10 +48,14 @@ _CENTRE = """(() => {
   return [r.left + (p.x + 1) / 2 * r.width, r.top + (1 - p.y) / 2 * r.height];
 })()"""
 
-# Without a graphics card a frame takes 0.3 s of a core, from the simulation that it shows.
+# Without a graphics card a frame takes 0.3 s of a core, from the simulation that it shows;
+# half of them are for shadows.
 _DRAW_SELDOM = """(() => {
   const draw = window.requestAnimationFrame.bind(window);
-  window.requestAnimationFrame = (f) => setTimeout(() => draw(f), 200);
+  window.requestAnimationFrame = (f) => setTimeout(() => draw((time) => {
+    if (typeof viewer !== "undefined") viewer.renderer.shadowMap.enabled = false;
+    f(time);
+  }), 200);
   const get = HTMLCanvasElement.prototype.getContext;
   HTMLCanvasElement.prototype.getContext = function (kind, options) {
     return get.call(this, kind, {...options, antialias: false});
@@ -163,7 +167,7 @@ class Page:
     timeout : float
         Longest wait for an answer, s.
     seldom : bool
-        Draw at most 5 frames per second.
+        Draw at most 5 frames per second, without shadows.
     has_touch : bool
         A phone or tablet, with fingers instead of a mouse.
     """
