@@ -65,6 +65,7 @@ def test_page_has_a_row_and_a_picture_of_each(command, outputs, monkeypatch):
     monkeypatch.setattr(
         scenarios_module, "ListScenarios", lambda: ["moving_board", "words"]
     )
+    monkeypatch.setattr(page_module, "cpu_count", lambda: 1)
     path = outputs / "README.md"
     result = command("scenarios", "--markdown", path, "--duration", 0.5)
     assert result.code == 0, result
