@@ -1,8 +1,6 @@
 """Facts about saved Contexts."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -21,10 +19,7 @@ from pydrake.systems.primitives import (
 )
 
 from fmp_drake.errors import RunError
-from fmp_drake.primitives import save_skill
 from fmp_drake.runs import load_context, save_context
-from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.station import MakeWipingStation
 
 
 class Remembers(LeafSystem):
@@ -102,40 +97,6 @@ def test_loaded_context_continues_as_the_original(saved):
     simulator.AdvanceTo(1.5)
     assert_array_equal(later, numbers(simulator.get_context()))
     assert context.get_numeric_parameter(0).value() == [0.7]
-
-
-STATION = """
-import sys
-from pydrake.systems.analysis import InitializeParams, Simulator
-from fmp_drake.primitives import load_skill
-from fmp_drake.runs import load_context, save_context
-from fmp_drake.station.scenario import LoadScenario
-from fmp_drake.station.station import MakeWipingStation
-
-skill, start, end, until = sys.argv[1:]
-station = MakeWipingStation(LoadScenario("table_top"), load_skill(skill))
-context = station.CreateDefaultContext()
-load_context(context, start)
-simulator = Simulator(station, context)
-simulator.Initialize(InitializeParams(suppress_initialization_events=True))
-simulator.AdvanceTo(float(until))
-save_context(simulator.get_context(), end)
-"""
-
-
-def test_wiping_station_continues_in_another_process(wiping_skill, tmp_path):
-    skill, start, end = (tmp_path / f"{n}.npz" for n in ("skill", "start", "end"))
-    save_skill(wiping_skill, skill)
-    station = MakeWipingStation(LoadScenario("table_top"), wiping_skill)
-    simulator = Simulator(station)
-    simulator.AdvanceTo(0.1371)
-    save_context(simulator.get_context(), start)
-    arguments = [str(argument) for argument in (skill, start, end, 0.3)]
-    subprocess.run([sys.executable, "-c", STATION, *arguments], check=True)
-    simulator.AdvanceTo(0.3)
-    context = station.CreateDefaultContext()
-    load_context(context, end)
-    assert_array_equal(numbers(context), numbers(simulator.get_context()))
 
 
 def test_systems_with_abstract_state_are_named(tmp_path):

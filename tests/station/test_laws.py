@@ -156,6 +156,7 @@ def continue_run(folder, until):
     load_context(simulator.get_mutable_context(), folder / "context.npz")
     simulator.AdvanceTo(until)
     np.savez(folder / "state.npz", **state_of(station, simulator.get_context()))
+    save_context(simulator.get_context(), folder / "end.npz")
 
 
 def test_station_continues_identically_in_another_process(restless_skill, tmp_path):
@@ -170,8 +171,13 @@ def test_station_continues_identically_in_another_process(restless_skill, tmp_pa
     )
     process.start()
     process.join()
+    expected = state_of(station, simulator.get_context())
     with np.load(tmp_path / "state.npz") as results:
-        assert_same(dict(results), state_of(station, simulator.get_context()))
+        assert_same(dict(results), expected)
+    end = station.CreateDefaultContext()
+    load_context(end, tmp_path / "end.npz")
+    assert end.get_time() == 1.3
+    assert_same(state_of(station, end), expected)
 
 
 @pytest.mark.parametrize("t0", [0.0137, 100.001])
