@@ -1,5 +1,7 @@
 """Facts about curved boards: contact, ink, posture and reach."""
 
+import functools
+
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RotationMatrix
@@ -54,6 +56,7 @@ def test_mesh_is_a_closed_slab_that_deviates_by_a_tenth_of_the_felt_s_depth(shap
     assert np.allclose(np.linalg.norm(normals, axis=1), 1)
 
 
+@functools.cache
 def tool_round_a_pipe(cell=None, *, speed=-1.0, angle=np.pi + 0.3):
     """Slide a felt round a pipe of 0.15 m, 2 mm deep; return ink, its grid, and forces."""
     radius = 0.15
