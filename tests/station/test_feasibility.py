@@ -26,6 +26,7 @@ from fmp_drake.station.reach.board_reach import (
     BoardReach,
     FollowingBounds,
 )
+from fmp_drake.station.reach.feasibility import _Check as Check
 from fmp_drake.station.robots.robot import LoadRobot
 from fmp_drake.systems.scripted_disturbances import Disturbance
 
@@ -43,6 +44,12 @@ def kinematics():
         key = (s.robot, *place, s.posture, soft)
         known.setdefault(repr(key), name)
     return known.values()
+
+
+@pytest.fixture
+def no_remedy(monkeypatch):
+    """Look for no change that would help, which takes longer than the check."""
+    monkeypatch.setattr(Check, "remedy", lambda _: ("not looked for", None))
 
 
 @functools.cache
@@ -137,6 +144,7 @@ def test_no_change_is_suggested_where_none_helps(bundled_skill):
     assert "by up to 40 cm" in found.verdict
 
 
+@pytest.mark.usefixtures("no_remedy")
 def test_skill_that_needs_more_torque_than_is_allowed_is_refused(bundled_skill):
     bounds = FollowingBounds(torque_fraction=0.1)
     found = CheckFeasibility(Scenario(), bundled_skill, bounds=bounds)
@@ -161,6 +169,7 @@ def test_skill_that_is_too_fast_is_refused_and_the_tempo_helps(bundled_skill):
     assert slower.values["largest_speed_ratio"] > 0.8
 
 
+@pytest.mark.usefixtures("no_remedy")
 def test_skill_whose_eraser_would_lag_behind_is_refused(bundled_skill):
     scenario = Scenario()
     scenario.skill.tempo = 2.4
@@ -180,6 +189,7 @@ def test_skill_whose_joints_are_braked_for_moments_is_accepted(bundled_skill):
     assert found.values["deviation"] < 0.010
 
 
+@pytest.mark.usefixtures("no_remedy")
 @pytest.mark.parametrize(
     ("number", "error", "is_feasible"),
     [(23, 3.4, True), (19, 7.2, False)],
@@ -200,6 +210,7 @@ def test_positions_that_are_missed_for_moments_are_judged_by_the_tracking_error(
     assert found.is_feasible == is_feasible
 
 
+@pytest.mark.usefixtures("no_remedy")
 def test_tilts_for_moments_are_judged_by_their_rms():
     # 0.032 rad; its run followed to 9.0 mm.
     trial = TrialSpec.load("default").draw(seed=2468, number=72)
@@ -225,6 +236,7 @@ def test_normal_force_that_braked_joints_disturb_is_refused_and_the_tempo_helps(
     assert CheckFeasibility(scenario, skill).values["unsteady_fraction"] < 0.005
 
 
+@pytest.mark.usefixtures("no_remedy")
 def test_normal_force_that_a_singularity_disturbs_is_refused():
     # In a run of 30 s 5 N keep the contact for 78 % of the time only. No joint is braked.
     trial = TrialSpec.load("default").draw(seed=8181, number=55)
@@ -253,6 +265,7 @@ def test_push_that_lifts_the_eraser_is_refused_and_the_normal_force_helps(
     assert CheckFeasibility(scenario, bundled_skill).is_feasible
 
 
+@pytest.mark.usefixtures("no_remedy")
 def test_orientation_channels_have_a_bound_of_their_own():
     # The run of a refused one was 0.64 degrees rms off, above the limit of 0.5.
     scenario = LoadScenario("stir")
@@ -349,6 +362,7 @@ def test_force_of_a_skill_counts_as_its_normal_force():
     assert found.values["friction_lag"] == pytest.approx(0.5 * 0.5 / 1500, rel=0.1)
 
 
+@pytest.mark.usefixtures("no_remedy")
 def test_motion_of_the_board_adds_to_the_speed_of_the_joints(bundled_skill):
     ratios = []
     for frequency in (0.05, 1.0):
@@ -372,6 +386,7 @@ def test_longest_windows_of_many_are_among_those_that_are_checked(bundled_skill)
     np.testing.assert_array_equal(found.paths[beginnings:], expected)
 
 
+@pytest.mark.usefixtures("no_remedy")
 def test_start_out_of_reach_is_reported_and_not_raised(bundled_skill):
     found = check(bundled_skill, start=(0.0, 0.0, 1.2))
     assert not found.is_feasible
