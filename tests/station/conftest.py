@@ -47,3 +47,9 @@ def skills_sampled_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Check, "_skill_paths", once)
         yield
+
+
+@pytest.fixture
+def no_remedy(monkeypatch):
+    """Look for no change that would help, which takes longer than the check."""
+    monkeypatch.setattr(Check, "remedy", lambda _: ("not looked for", None))

@@ -26,7 +26,6 @@ from fmp_drake.station.reach.board_reach import (
     BoardReach,
     FollowingBounds,
 )
-from fmp_drake.station.reach.feasibility import _Check as Check
 from fmp_drake.station.robots.robot import LoadRobot
 from fmp_drake.systems.scripted_disturbances import Disturbance
 
@@ -44,12 +43,6 @@ def kinematics():
         key = (s.robot, *place, s.posture, soft)
         known.setdefault(repr(key), name)
     return known.values()
-
-
-@pytest.fixture
-def no_remedy(monkeypatch):
-    """Look for no change that would help, which takes longer than the check."""
-    monkeypatch.setattr(Check, "remedy", lambda _: ("not looked for", None))
 
 
 @functools.cache

@@ -15,6 +15,8 @@ pytestmark = pytest.mark.slow
 
 WORST = yaml.safe_load(Path(__file__).with_name("worst_worlds.yaml").read_text())
 NEVER = {"through", "nan", "limit"}
+# Worlds that several tests run, each for longer than the one before.
+SHARED = (86, 106, 283, 445)
 
 
 @pytest.fixture(scope="module")
@@ -22,11 +24,26 @@ def spec():
     return TrialSpec.load("default")
 
 
+@pytest.fixture(scope="module")
+def run_of(spec):
+    """The function that makes the run of a world; later tests continue a shared one."""
+    runs = {}
+
+    def get(number):
+        run = runs.get(number)
+        if run is None:
+            run = make_run(spec.draw(seed=WORST["seed"], number=number).scenario)
+        if number in SHARED:
+            runs[number] = run
+        return run
+
+    return get
+
+
 @pytest.mark.parametrize("number", WORST["numbers"])
-def test_no_limit_is_broken_in_one_of_the_worst_worlds(spec, number):
+def test_no_limit_is_broken_in_one_of_the_worst_worlds(spec, run_of, number):
     # Also those that are refused in advance.
-    drawn = spec.draw(seed=WORST["seed"], number=number)
-    run = make_run(drawn.scenario)
+    drawn, run = spec.draw(seed=WORST["seed"], number=number), run_of(number)
     run.advance_to(WORST["seconds"])
     trial = replace(drawn, metrics=as_stored(run.metrics()))
     assert [fault.text for fault in faults(trial) if fault.kind in NEVER] == []
@@ -41,30 +58,26 @@ def test_the_last_joint_of_an_iiwa_stays_below_its_speed_limit_at_its_range():
     assert 0.5 < run.metrics()["joint_speed_ratio_max"] < 1.0
 
 
-def make(spec, number):
-    return make_run(spec.draw(seed=WORST["seed"], number=number).scenario)
-
-
-def metrics(spec, number, seconds):
-    run = make(spec, number)
+def metrics(run, seconds):
     run.advance_to(seconds)
     return run.metrics()
 
 
+@pytest.mark.usefixtures("no_remedy")
 @pytest.mark.parametrize(
     ("number", "why"),
     [(283, "panda_link4 touches the board")],
 )
-def test_failures_are_predicted_by_the_check(spec, number, why):
-    run = make(spec, number)
+def test_failures_are_predicted_by_the_check(run_of, number, why):
+    run = run_of(number)
     feasibility = CheckFeasibility(run.scenario, run.skill)
     assert not feasibility.is_feasible
     assert why in feasibility.verdict
 
 
-def test_a_joint_that_contact_accelerates_stays_below_its_speed_limit(spec):
+def test_a_joint_that_contact_accelerates_stays_below_its_speed_limit(run_of):
     # 104 % of it at 4.85 s where the brake counted on all of the limit.
-    run = make(spec, 445)
+    run = run_of(445)
     feasibility = CheckFeasibility(run.scenario, run.skill)
     assert feasibility.is_feasible
     assert feasibility.values["largest_speed_ratio"] > 0.85
@@ -72,16 +85,16 @@ def test_a_joint_that_contact_accelerates_stays_below_its_speed_limit(spec):
     assert 0.9 < run.metrics()["joint_speed_ratio_max"] < 1.0
 
 
-def test_an_elbow_that_hits_the_board_is_reported(spec):
-    run = make(spec, 283)
+def test_an_elbow_that_hits_the_board_is_reported(run_of):
+    run = run_of(283)
     run.advance_to(3.2)
     assert run.metrics()["arm_on_board_s"] > 0.02
     assert any("the arm touches the board" in event.text for event in run.events())
 
 
-def test_without_force_control_a_quick_movement_is_pressed_evenly(spec):
-    assert metrics(spec, 86, 8.0)["normal_force_wanted_fraction"] > 0.95
+def test_without_force_control_a_quick_movement_is_pressed_evenly(run_of):
+    assert metrics(run_of(86), 8.0)["normal_force_wanted_fraction"] > 0.95
 
 
-def test_where_the_elbow_is_nearly_straight_the_eraser_stays_on_the_board(spec):
-    assert metrics(spec, 106, 7.0)["contact_fraction"] > 0.95
+def test_where_the_elbow_is_nearly_straight_the_eraser_stays_on_the_board(run_of):
+    assert metrics(run_of(106), 7.0)["contact_fraction"] > 0.95
