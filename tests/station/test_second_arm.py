@@ -136,6 +136,7 @@ def test_its_log_has_the_columns_of_six_joints(run, tmp_path):
     assert log["state"].unit == ",".join(["rad"] * 6 + ["rad/s"] * 6)
 
 
+@pytest.mark.usefixtures("no_remedy")
 def test_its_reach_is_checked(folder, bundled_skill):
     scenario = LoadScenario("vertical", robot=str(folder / "six.yaml"))
     assert scenario.preferred_posture() == POSTURE

@@ -133,13 +133,14 @@ def test_arm_keeps_its_limits(lesson):
 
 
 def test_one_seed_gives_one_recording(lessons):
-    again = recorded(teach("eight"))
-    assert_array_equal(again.values, recorded(lessons["eight"]).values)
+    again = recorded(teach("eight", seconds=2.0)).values
+    assert len(again) >= 20
+    assert_array_equal(again, recorded(lessons["eight"]).values[: len(again)])
 
 
 def test_other_seed_gives_another_recording(lessons):
-    other = recorded(teach("eight", seed=1))
-    difference = other.values - recorded(lessons["eight"]).values
+    other = recorded(teach("eight", seed=1, seconds=2.0)).values
+    difference = other - recorded(lessons["eight"]).values[: len(other)]
     assert np.max(np.linalg.norm(difference, axis=1)) > 0.02
 
 
