@@ -13,8 +13,9 @@ from types import FrameType
 
 MESSAGE = "fmp-drake: stopped."
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-# Time after which an interrupt that Python could not raise is repeated, s.
-_REPEAT_DELAY = 0.01
+# Time after which an interrupt that Python could not raise is repeated, s: long enough for
+# the hook below to return on a busy machine.
+_REPEAT_DELAY = 0.1
 _received: list[int] = []
 _has_begun = False
 
