@@ -50,12 +50,12 @@ def predict_deviation(
     The deviations δ of the joints from the predicted motion q obey the closed loop about
     it, ``M δ̈ + (Jᵀ D J + 2 ζ ω N) δ̇ + (Jᵀ K J + ω² N) δ = τ + N (q̈ − a)`` with
     ``N = M − Jᵀ Λ J``. τ is the torque of `wall_torque` that brakes a joint above its
-    allowed speed and keeps it out of its limits. Near a singularity the law bounds Λ and accelerates the eraser too
-    little: N (q̈ − a), where a is the acceleration of the posture. The same holds where the
-    other joints should replace one at its limit. K contains the felt
-    along the normal, as long as there is contact. An implicit Euler step leads from sample
-    to sample. The controller of the normal force reduces the error, if enabled, and is
-    assumed to keep the contact.
+    allowed speed and keeps it out of its limits. Near a singularity the law bounds Λ and
+    accelerates the eraser too little: N (q̈ − a), where a is the acceleration of the
+    posture. The same holds where other joints should replace one at its limit. K contains
+    the felt along the normal, as long as there is contact. An implicit Euler step leads
+    from sample to sample. The controller of the normal force reduces the error, if
+    enabled, and is assumed to keep the contact.
 
     Parameters
     ----------
@@ -77,10 +77,8 @@ def predict_deviation(
     scale = _scale(config)
     mobility = motion.J @ np.linalg.solve(motion.M, motion.J.mT) * scale * scale.T
     inertia = np.trace(np.linalg.inv(mobility + _LEAST * np.eye(6)), axis1=-2, axis2=-1)
-    x, edge = (
-        motion.q - limits.middle,
-        np.minimum(limits.half_range, _FAR) - walls.width,
-    )
+    x = motion.q - limits.middle
+    edge = np.minimum(limits.half_range, _FAR) - walls.width
     at_wall = np.abs(x) >= edge - 1e-6
     paths = is_braked | np.any(inertia > config.max_effective_mass, axis=1)
     paths |= np.any(at_wall, axis=(1, 2))

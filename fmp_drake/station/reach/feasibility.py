@@ -18,7 +18,6 @@ from fmp_drake.station.reach.board_reach import (
     BoardReach,
     FollowingBounds,
 )
-from fmp_drake.station.reach.deviation_prediction import Deviation
 from fmp_drake.station.reach.push_prediction import predict_lifts
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion, lengths
 from fmp_drake.station.scenario import ParseScenario, Scenario
@@ -260,11 +259,14 @@ class _Check:
             q_posture=posture,
             step=self._step,
         )
-        values, missed = self._judge_reach(motion, clearance, link, deviation)
+        has_rotation = self._R_TE is not None
+        lag, turn = map(_rms, lengths(deviation.pose, has_rotation=has_rotation))
+        values, missed = self._judge_reach(motion, clearance, link, lag)
         values |= self._judge_speed(motion)
         values |= self._judge_force(motion)
+        error = reach.force_error(motion, deviation, self._paths)
         values |= self._judge_deviation(
-            motion, deviation, float(values["largest_tempo"])
+            lag, turn, error, float(values["largest_tempo"])
         )
         values |= self._judge_pushes(motion)
         ratios = [
@@ -356,11 +358,7 @@ class _Check:
         return float(np.mean(missed)) > self._bounds.exceptions
 
     def _judge_reach(
-        self,
-        motion: PredictedMotion,
-        clearance: Array,
-        link: str,
-        deviation: Deviation,
+        self, motion: PredictedMotion, clearance: Array, link: str, lag: float
     ) -> tuple[Values, Mask]:
         """Return the values, and the samples that are out of reach or too near the board.
 
@@ -373,12 +371,8 @@ class _Check:
         )
         is_near, is_missed = clearance < bounds.clearance, far | tilted
         distance, tilt = lengths(motion.error, has_rotation=has_rotation)
-        deviated, _ = lengths(deviation.pose, has_rotation=has_rotation)
-        rms = math.hypot(
-            _rms(distance),
-            _rms(deviated),
-            self._friction_lag() * float(np.max(self._force)),
-        )
+        friction_lag = self._friction_lag() * float(np.max(self._force))
+        rms = math.hypot(_rms(distance), lag, friction_lag)
         is_far = self._is_frequent(far) and (
             rms > bounds.tracking_error or self._is_frequent(distance > bounds.farthest)
         )
@@ -469,15 +463,12 @@ class _Check:
         }
 
     def _judge_deviation(
-        self, motion: PredictedMotion, deviation: Deviation, tempo: float
+        self, lag: float, turn: float, error: Array, tempo: float
     ) -> Values:
-        """Return how far joints that cannot follow move the tool and disturb its force."""
+        """Return the rms deviation of the tool and the errors (B, T) of its normal force."""
         has_board, bounds = self._scenario.has_board, self._bounds
-        has_rotation = self._R_TE is not None
-        moved, turned = map(_rms, lengths(deviation.pose, has_rotation=has_rotation))
-        values: Values = {"deviation": moved}
+        values: Values = {"deviation": lag}
         if has_board:
-            error = self._reach.force_error(motion, deviation, self._paths)
             # Contact is lost where the force would be negative.
             least = -min(FORCE_TOLERANCE, float(np.max(self._force)))
             unsteady = float(np.mean((error > FORCE_TOLERANCE) | (error < least)))
@@ -487,12 +478,14 @@ class _Check:
         text, allowed = "", bounds.constant_force_error
         if np.ndim(self._force):
             allowed = bounds.force_error
-        if has_rotation and turned > bounds.orientation_error:
-            text = f"the tool is off its orientation by {np.rad2deg(turned):.1f} degrees rms"
-        elif moved > bounds.tracking_error or turned > bounds.tilt:
+        if self._R_TE is not None and turn > bounds.orientation_error:
             text = (
-                f"the tool is off its path by {1e3 * moved:.0f} mm and "
-                f"{np.rad2deg(turned):.1f} degrees rms"
+                f"the tool is off its orientation by {np.rad2deg(turn):.1f} degrees rms"
+            )
+        elif lag > bounds.tracking_error or turn > bounds.tilt:
+            text = (
+                f"the tool is off its path by {1e3 * lag:.0f} mm and "
+                f"{np.rad2deg(turn):.1f} degrees rms"
             )
         elif has_board and unsteady > bounds.unsteady:
             text = (
