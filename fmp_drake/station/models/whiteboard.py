@@ -44,8 +44,8 @@ _WHITE = (0.97, 0.97, 0.97)
 _METAL = (0.70, 0.72, 0.74)
 _DARK = (0.16, 0.17, 0.19)
 
-# Compression of a felt by 10 N, m, and largest deviation of the mesh from the surface as a
-# fraction of it.
+# Compression of a felt by 10 N, m, and largest depth of an edge of the mesh in the curved
+# surface as a fraction of it.
 _COMPRESSION, _DEVIATION = 2e-3, 0.1
 # Largest gap of a closed pipe: its circumference less the width of the board, m.
 _SEAM = 1e-3
@@ -225,12 +225,12 @@ def _Mount(x: float, y: float) -> list[Visual]:
 def cell_of(surface: Surface) -> tuple[float, float]:
     """Return the longest edges of a mesh along u and v, m; infinite along straight lines.
 
-    An edge of length L deviates from a circle of radius R by L² / 8R. The diagonal of a cell
-    on a sphere deviates by the sum of its edges.
+    An edge of length L deviates from a circle of radius R by L² / 8R.
     """
-    curved_axes = max(int(np.count_nonzero(surface)), 1)
-    squared_ratio = 8 * _DEVIATION * _COMPRESSION / curved_axes
-    u, v = (math.sqrt(squared_ratio / abs(k)) if k else math.inf for k in surface)
+    u, v = (
+        math.sqrt(8 * _DEVIATION * _COMPRESSION / abs(k)) if k else math.inf
+        for k in surface
+    )
     return u, v
 
 
@@ -238,6 +238,9 @@ def curved_slab(
     surface: Surface, size: tuple[float, float], thickness: float
 ) -> tuple[Array, Array, Faces]:
     """Return the mesh of a slab below a surface.
+
+    The triangles are on the surface on average: the vertices of a dome are above it, those
+    of a bowl below it.
 
     Parameters
     ----------
@@ -255,6 +258,25 @@ def curved_slab(
         Outward, for shading.
     faces : array of int, shape (M, 3)
         Counterclockwise, seen from outside.
+
+    Notes
+    -----
+    Deviations of an arm that wipes for 4 s with 10 N from one on a mesh with edges of 7 mm
+    (cylinder: 10 mm), root mean square, and faces of the contact:
+
+    =========================== ========= ===== ======= =========
+    board of radius 0.3 m       edges     faces force   position
+    =========================== ========= ===== ======= =========
+    bowl, this mesh             22 mm     154   0.06 N  0.02 mm
+    bowl, vertices on it        15 mm     221   0.02 N  0.10 mm
+    bowl, longer edges          31 mm     118   0.15 N  0.06 mm
+    dome, this mesh             22 mm     118   0.02 N  0.01 mm
+    dome, vertices on it        15 mm     168   0.01 N  0.10 mm
+    cylinder, this mesh         22 mm     57    0.03 N  0.01 mm
+    cylinder, vertices on it    22 mm     57    0.03 N  0.11 mm
+    =========================== ========= ===== ======= =========
+
+    A contact of 100 faces more takes about 0.6 ms more for a step of 1 ms.
     """
     nu, nv = (
         max(1, math.ceil(edge / longest))
@@ -265,6 +287,8 @@ def curved_slab(
     )
     uvh = np.zeros((2, nu + 1, nv + 1, 3))
     uvh[..., 0], uvh[..., 1] = u[:, None], v
+    cell = np.divide(size, (nu, nv))
+    uvh[0, ..., 2] = 2 / 3 * np.dot(surface, cell**2 / 8)
     uvh[1, ..., 2] = -thickness
     index = np.arange(uvh[..., 0].size).reshape(uvh.shape[:3])
     top, bottom = index
