@@ -9,7 +9,9 @@ import yaml
 from fmp_drake.experiments.trials import TrialSpec
 from fmp_drake.experiments.trials.running import as_stored, make_run
 from fmp_drake.experiments.trials.trial import faults
-from fmp_drake.station import CheckFeasibility
+from fmp_drake.runs.station_run import MakeRun
+from fmp_drake.skills.learning import scenario_skill
+from fmp_drake.station import CheckFeasibility, LoadScenario
 
 pytestmark = pytest.mark.slow
 
@@ -56,6 +58,23 @@ def test_the_last_joint_of_an_iiwa_stays_below_its_speed_limit_at_its_range():
     run = make_run(drawn.scenario)
     run.advance_to(5.0)
     assert 0.5 < run.metrics()["joint_speed_ratio_max"] < 1.0
+
+
+def test_a_start_at_a_limit_does_not_drive_a_joint_above_its_speed_limit():
+    # 109 % of it where the spring at the limit pushed on.
+    scenario = LoadScenario("vertical")
+    scenario.robot, scenario.posture = "iiwa14", []
+    scenario.board.translation = [0.41, -0.12, 0.89]
+    scenario.board.rpy = [0.235, -1.714, -0.034]
+    scenario.start = [-0.04, 0.07, 0.16]
+    skill, demonstrations, _ = scenario_skill(scenario)
+    q = [-2.015, 1.16, 2.937, -1.958, -1.215, 0.842, 0.616]
+    run = MakeRun(scenario, skill, demonstrations=demonstrations, q=q)
+    run.advance_to(0.3)
+    found = run.metrics()
+    assert found["joint_limit_margin_min_rad"] < 0.031
+    assert 0.5 < found["joint_speed_ratio_max"] < 1.0
+    assert found["protective_stop_s"] == 0.0
 
 
 def metrics(run, seconds):

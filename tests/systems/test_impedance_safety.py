@@ -464,6 +464,18 @@ def test_a_joint_that_is_braked_does_not_wait_for_the_others():
     np.testing.assert_allclose(braked, [0.9, -0.9, -0.4])
 
 
+def test_a_limit_spring_does_not_drive_a_joint_above_its_speed():
+    def limited(wall):
+        torque, rest = np.array([wall]), np.zeros(1)
+        v, M = np.array([1.31]), np.array([[0.1]])
+        return speed_limited(
+            ONE_JOINT, torque, rest, 1.0, 0.001, v, M, rest, wall=torque
+        )
+
+    assert limited(10.0) == (-1.0, True)
+    assert limited(-10.0) == (-10.0, False)
+
+
 def test_a_contact_that_drives_a_joint_is_still_countered():
     # By the masses alone the second joint would accelerate: by M⁻¹ τ, 5 rad/s².
     limits = ONE_JOINT._replace(

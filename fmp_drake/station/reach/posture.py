@@ -13,10 +13,13 @@ from pydrake.solvers import Solve
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array, finite_array
 from fmp_drake.station.robots.robot import Robot
+from fmp_drake.systems.impedance.joints import JointWallConfig
 
 _POSITION_TOLERANCE = 1e-6
 _ROTATION_TOLERANCE = 1e-5
 _LIMIT_MARGIN = 0.03
+# Margin outside the springs at the joint limits, which would move the arm at its start, rad.
+_SPRING_MARGIN = JointWallConfig().width + 0.005
 # Random initial guesses where the preferred posture leads to no solution.
 _GUESSES = 16
 # Height of the felt in `FindLevelReach`, m.
@@ -36,7 +39,8 @@ def SolvePosture(
 
     Where that fails, for example with the posture of a table-top arm on a ceiling, the
     search begins at random angles, and the result farthest from the joint limits is
-    returned.
+    returned. Joints are outside the springs at their limits where that is possible near
+    the preferred posture.
 
     Parameters
     ----------
@@ -61,19 +65,23 @@ def SolvePosture(
     """
     n = plant.num_positions()
     preferred = finite_array(q_preferred, "the posture", (n,), error=StationError)
+    limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+
+    def margin(q: Array | None) -> float:
+        if q is None:
+            return -1.0
+        return float(np.min(np.minimum(q - limits[0], limits[1] - q)))
+
     q = _SolveFrom(preferred, plant, frame, X_WE)
     if q is None:
-        limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
         lower, upper = np.clip(limits, -np.pi, np.pi)
         guesses = np.random.default_rng(0).uniform(lower, upper, (_GUESSES, n))
-        found = [_SolveFrom(guess, plant, frame, X_WE) for guess in guesses]
-        margins = [
-            -1.0
-            if q is None
-            else float(np.min(np.minimum(q - limits[0], limits[1] - q)))
-            for q in found
-        ]
-        q = found[int(np.argmax(margins))]
+        q = max(
+            (_SolveFrom(guess, plant, frame, X_WE) for guess in guesses), key=margin
+        )
+    elif margin(q) < _SPRING_MARGIN:
+        farther = _SolveFrom(preferred, plant, frame, X_WE, least_margin=_SPRING_MARGIN)
+        q = q if farther is None else farther
     if q is None:
         x, y, z = X_WE.translation()
         raise StationError(
@@ -89,6 +97,8 @@ def _SolveFrom(
     plant: MultibodyPlant,
     frame: Frame,
     X_WE: RigidTransform,
+    *,
+    least_margin: float = _LIMIT_MARGIN,
 ) -> Array | None:
     """Return joint angles near preferred ones, at which the search begins, or None."""
     n = plant.num_positions()
@@ -101,8 +111,8 @@ def _SolveFrom(
     ik.AddOrientationConstraint(
         world, X_WE.rotation(), frame, type(X_WE.rotation())(), _ROTATION_TOLERANCE
     )
-    lower = plant.GetPositionLowerLimits() + _LIMIT_MARGIN
-    upper = plant.GetPositionUpperLimits() - _LIMIT_MARGIN
+    lower = plant.GetPositionLowerLimits() + least_margin
+    upper = plant.GetPositionUpperLimits() - least_margin
     program = ik.prog()
     program.AddBoundingBoxConstraint(lower, upper, ik.q())
     program.AddQuadraticErrorCost(np.eye(n), preferred, ik.q())

@@ -251,7 +251,7 @@ def speed_limited(
     exceed 95 % of its speed limit by then, the torque returns at once, and then damps
     the joints; the other 5 % are a margin for contact and friction. A torque is thus
     applied only where the next update can still return from it. The torque at the joint
-    limits remains.
+    limits remains where it brakes.
 
     Parameters
     ----------
@@ -293,8 +293,10 @@ def speed_limited(
         overspeed |= abs(v[i]) > limits.speed[i]
     if not unavoidable:
         return torque, overspeed
-    change = Cv + wall - previous
+    change = Cv - previous
     for i in range(len(v)):
+        if wall[i] * v[i] < 0:
+            change[i] += wall[i]
         # Where more than its own acceleration has to be countered, as in contact.
         if wall[i] != 0 and v[i] * (torque[i] - previous[i] - change[i]) < 0:
             change[i] = torque[i] - previous[i]
