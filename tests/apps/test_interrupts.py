@@ -71,12 +71,15 @@ def start(folder, *arguments):
     return process
 
 
-def processor_seconds(pid):
-    """Return how long a process has used a processor, s: a busy machine is slower."""
-    with suppress(OSError):
-        times = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
-        return sum(map(int, times)) / os.sysconf("SC_CLK_TCK")
-    return 0.0
+def processor_seconds(group):
+    """Return how long processes have used a processor, s: a busy machine is slower."""
+    ticks = 0
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            fields = path.read_text().rpartition(")")[2].split()
+            if int(fields[2]) == group:
+                ticks += sum(map(int, fields[11:13]))
+    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 def signalled(process, number):
@@ -90,7 +93,7 @@ def signalled(process, number):
     while process.poll() is None and time.monotonic() < end:
         if processor_seconds(process.pid) > delay:
             break
-        time.sleep(0.01)
+        time.sleep(0.02)
     if process.poll() is not None:
         return None
     os.killpg(process.pid, number)
