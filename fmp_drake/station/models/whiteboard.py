@@ -288,6 +288,7 @@ def curved_slab(
     uvh = np.zeros((2, nu + 1, nv + 1, 3))
     uvh[..., 0], uvh[..., 1] = u[:, None], v
     cell = np.divide(size, (nu, nv))
+    # An arc is two thirds of its height above its chord on average.
     uvh[0, ..., 2] = 2 / 3 * np.dot(surface, cell**2 / 8)
     uvh[1, ..., 2] = -thickness
     index = np.arange(uvh[..., 0].size).reshape(uvh.shape[:3])
