@@ -101,7 +101,7 @@ def test_arm_on_a_ceiling_is_solved_with_the_posture_of_one_on_a_table():
 def test_joints_are_outside_the_springs_at_their_limits_where_they_can_be():
     robot = MakeRobotModel(LoadRobot("iiwa14"))
     plant = robot.plant
-    # The posture nearest to the preferred one is 0.03 rad from the limit of joint 3.
+    # The posture nearest to the preferred one is 0.03 rad from the limit of joint 6.
     X_WE = pose(plant, np.array([-2.015, 1.16, 2.937, -1.958, -1.215, 0.842, 0.616]))
     q = solve(plant, X_WE, robot.default_posture)
     assert_allclose(pose(plant, q).translation(), X_WE.translation(), atol=5e-6)

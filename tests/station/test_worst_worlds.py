@@ -61,7 +61,7 @@ def test_the_last_joint_of_an_iiwa_stays_below_its_speed_limit_at_its_range():
 
 
 def test_a_start_at_a_limit_does_not_drive_a_joint_above_its_speed_limit():
-    # 109 % of it where the spring at the limit pushed on.
+    # 104 % of it where the spring at the limit pushed on.
     scenario = LoadScenario("vertical")
     scenario.robot, scenario.posture = "iiwa14", []
     scenario.board.translation = [0.41, -0.12, 0.89]
