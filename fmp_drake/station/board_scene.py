@@ -163,6 +163,7 @@ def AddBoardScene(
             frame=model.tip,
             X_WE=X_WA @ scenario.eraser_pose(start),
             q_preferred=scenario.preferred_posture(),
+            spring_width=scenario.impedance.walls.width,
         )
     posture = finite_array(q, "q", (len(config.posture),), error=StationError)
     plant.SetDefaultPositions(robot.arm, posture)

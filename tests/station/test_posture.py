@@ -27,9 +27,14 @@ def arm():
     return plant
 
 
-def solve(arm, X_WE, preferred=PREFERRED):
+def solve(arm, X_WE, preferred=PREFERRED, **options):
     frame = arm.GetFrameByName("eraser_tip")
-    return SolvePosture(arm, frame=frame, X_WE=X_WE, q_preferred=preferred)
+    return SolvePosture(arm, frame=frame, X_WE=X_WE, q_preferred=preferred, **options)
+
+
+def limit_margin(arm, q):
+    lower, upper = arm.GetPositionLowerLimits(), arm.GetPositionUpperLimits()
+    return np.min(np.minimum(q - lower, upper - q))
 
 
 def pose(arm, q):
@@ -91,11 +96,7 @@ def test_arm_on_a_ceiling_is_solved_with_the_posture_of_one_on_a_table():
     X_WE = RigidTransform(DOWN, [0.55, 0.0, 0.12])
     q = solve(robot.plant, X_WE)
     assert_allclose(pose(robot.plant, q).translation(), [0.55, 0.0, 0.12], atol=5e-6)
-    lower, upper = (
-        robot.plant.GetPositionLowerLimits(),
-        robot.plant.GetPositionUpperLimits(),
-    )
-    assert np.min(np.minimum(q - lower, upper - q)) > 0.1
+    assert limit_margin(robot.plant, q) > 0.1
 
 
 def test_joints_are_outside_the_springs_at_their_limits_where_they_can_be():
@@ -105,8 +106,9 @@ def test_joints_are_outside_the_springs_at_their_limits_where_they_can_be():
     X_WE = pose(plant, np.array([-2.015, 1.16, 2.937, -1.958, -1.215, 0.842, 0.616]))
     q = solve(plant, X_WE, robot.default_posture)
     assert_allclose(pose(plant, q).translation(), X_WE.translation(), atol=5e-6)
-    limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-    assert np.min(np.minimum(q - limits[0], limits[1] - q)) > 0.1
+    assert limit_margin(plant, q) > 0.1
+    near = solve(plant, X_WE, robot.default_posture, spring_width=0.01)
+    assert limit_margin(plant, near) == pytest.approx(0.03)
 
 
 def test_reach_is_that_from_the_base():

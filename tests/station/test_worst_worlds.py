@@ -62,8 +62,7 @@ def test_the_last_joint_of_an_iiwa_stays_below_its_speed_limit_at_its_range():
 
 def test_a_start_at_a_limit_does_not_drive_a_joint_above_its_speed_limit():
     # 104 % of it where the spring at the limit pushed on.
-    scenario = LoadScenario("vertical")
-    scenario.robot, scenario.posture = "iiwa14", []
+    scenario = LoadScenario("vertical", robot="iiwa14")
     scenario.board.translation = [0.41, -0.12, 0.89]
     scenario.board.rpy = [0.235, -1.714, -0.034]
     scenario.start = [-0.04, 0.07, 0.16]

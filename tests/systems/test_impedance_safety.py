@@ -427,23 +427,15 @@ def test_a_force_far_above_the_desired_one_is_a_fault():
 # Joint speeds.
 
 
+def limited(v, torque, wall=0.0):
+    """Limit the torque of one joint of 0.1 kg m², which was zero before."""
+    M, rest = np.array([[0.1]]), np.zeros(1)
+    v, torque, wall = np.array([v]), np.array([torque]), np.array([wall])
+    return speed_limited(ONE_JOINT, torque, rest, 1.0, 0.001, v, M, rest, wall)
+
+
 def test_a_torque_is_applied_only_where_its_acceleration_ends_in_time():
     """10 Nm on 0.1 kg m² add 0.6 rad/s until they end; 95 % of the limit are 1.9."""
-    M, rest = np.array([[0.1]]), np.zeros(1)
-
-    def limited(v, torque):
-        return speed_limited(
-            ONE_JOINT,
-            np.array([torque]),
-            rest,
-            1.0,
-            0.001,
-            np.array([v]),
-            M,
-            rest,
-            rest,
-        )
-
     torque, overspeed = limited(1.29, 10.0)
     assert (torque[0], overspeed) == (10.0, False)
     torque, overspeed = limited(1.31, 10.0)
@@ -465,15 +457,8 @@ def test_a_joint_that_is_braked_does_not_wait_for_the_others():
 
 
 def test_a_limit_spring_does_not_drive_a_joint_above_its_speed():
-    def limited(wall):
-        torque, rest = np.array([wall]), np.zeros(1)
-        v, M = np.array([1.31]), np.array([[0.1]])
-        return speed_limited(
-            ONE_JOINT, torque, rest, 1.0, 0.001, v, M, rest, wall=torque
-        )
-
-    assert limited(10.0) == (-1.0, True)
-    assert limited(-10.0) == (-10.0, False)
+    assert limited(1.31, 10.0, wall=10.0) == (-1.0, True)
+    assert limited(1.31, -10.0, wall=-10.0) == (-10.0, False)
 
 
 def test_a_contact_that_drives_a_joint_is_still_countered():

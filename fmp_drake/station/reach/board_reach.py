@@ -218,6 +218,7 @@ class BoardReach:
             frame=self._model.tip,
             X_WE=self._scenario.board.assumed_pose() @ displacement @ X_BE,
             q_preferred=self._scenario.preferred_posture(),
+            spring_width=self._scenario.impedance.walls.width,
         )
 
     def near_postures(self, X_WB: list[RigidTransform]) -> Array:

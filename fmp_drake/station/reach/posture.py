@@ -18,8 +18,8 @@ from fmp_drake.systems.impedance.joints import JointWallConfig
 _POSITION_TOLERANCE = 1e-6
 _ROTATION_TOLERANCE = 1e-5
 _LIMIT_MARGIN = 0.03
-# Margin outside the springs at the joint limits, which would move the arm at its start, rad.
-_SPRING_MARGIN = JointWallConfig().width + 0.005
+# Distance from the springs at the joint limits, which would move the arm at its start, rad.
+_SPRING_DISTANCE = 0.005
 # Random initial guesses where the preferred posture leads to no solution.
 _GUESSES = 16
 # Height of the felt in `FindLevelReach`, m.
@@ -34,6 +34,7 @@ def SolvePosture(
     frame: Frame,
     X_WE: RigidTransform,
     q_preferred: ArrayLike,
+    spring_width: float = JointWallConfig.width,
 ) -> Array:
     """Find joint angles that put a frame at a pose, near preferred ones.
 
@@ -52,6 +53,8 @@ def SolvePosture(
         Desired pose in the world.
     q_preferred : array_like, shape (n,)
         rad.
+    spring_width : float
+        Width of the controller's springs at the joint limits, rad.
 
     Returns
     -------
@@ -72,6 +75,7 @@ def SolvePosture(
             return -1.0
         return float(np.min(np.minimum(q - limits[0], limits[1] - q)))
 
+    outside = spring_width + _SPRING_DISTANCE
     q = _SolveFrom(preferred, plant, frame, X_WE)
     if q is None:
         lower, upper = np.clip(limits, -np.pi, np.pi)
@@ -79,8 +83,8 @@ def SolvePosture(
         q = max(
             (_SolveFrom(guess, plant, frame, X_WE) for guess in guesses), key=margin
         )
-    elif margin(q) < _SPRING_MARGIN:
-        farther = _SolveFrom(preferred, plant, frame, X_WE, least_margin=_SPRING_MARGIN)
+    elif margin(q) < outside:
+        farther = _SolveFrom(preferred, plant, frame, X_WE, least_margin=outside)
         q = q if farther is None else farther
     if q is None:
         x, y, z = X_WE.translation()
