@@ -69,6 +69,9 @@ class Scenario:
         Joint angles that a redundant arm prefers, rad; empty for the robot's.
     start : list of 3 floats
         p_BE of the eraser at the start, in the frame of the board, m.
+    tolerance : float
+        Greatest acceptable rms distance from the path, m. The check in advance refuses what
+        it predicts to be farther off, and a randomised trial that is farther off fails.
     camera : CameraConfig
     show : ShowConfig
 
@@ -108,6 +111,7 @@ class Scenario:
     robot: str = DEFAULT_ROBOT
     posture: list[float] = bounded([])
     start: list[float] = bounded([0.0, 0.0, 0.05])
+    tolerance: float = bounded(0.010, above=0)
     camera: CameraConfig = field(default_factory=CameraConfig)
     show: ShowConfig = field(default_factory=ShowConfig)
 

@@ -608,6 +608,18 @@ def test_path_is_judged_on_the_actual_board(make_store):
     assert "it is too large in these trials: 0." in text
 
 
+def test_path_is_judged_by_the_tolerance_of_the_scenario(make_store):
+    spec = "fields: {tolerance: {choice: [0.004, 0.006]}}"
+    rms = {"tracking_rms_m": 0.005, "tracking_on_board_rms_m": 0.005}
+    store = make_store(partial(passed, **rms), 8, spec=spec)
+    failed = [bool(faults(trial)) for trial in store.trials()]
+    assert failed == [trial.fields["tolerance"] == 0.004 for trial in store.trials()]
+    assert 0 < sum(failed) < 8
+    TrialsReport(store).write()
+    text = (store.folder / "report.html").read_text()
+    assert "within their tolerance, 4 to 6 mm rms" in text
+
+
 def test_older_trial_with_the_whole_distance_only_is_judged_by_it(make_store):
     spec = "fields: {board.error.translation: [0.0, 0.0, -0.008]}"
     store = make_store(partial(passed, tracking_rms_m=0.0101), 1, spec=spec)
@@ -689,7 +701,7 @@ def test_report_of_infeasible_trials_only_is_written(make_store):
 
 def test_picture_of_errors_draws_groups_with_trials_from_zero():
     figure = draw_figures(
-        {"without disturbances": [(0.002, 0.99), (0.004, 0.97)], "with": []}
+        {"without disturbances": [(0.2, 0.99), (0.4, 0.97)], "with": []}
     )
     path, press = figure.axes
     for ax in (path, press):

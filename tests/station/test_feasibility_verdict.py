@@ -172,7 +172,7 @@ def test_distances_for_moments_are_judged_by_rms_and_largest(
         motion.error[few(count, motion), 4] = distance
 
     predicted.change = change
-    bounds = FollowingBounds(tracking_error=0.05 if count == 1 else 0.0075)
+    bounds = FollowingBounds(tracking_error=5.0 if count == 1 else 0.75)
     found = CheckFeasibility(Scenario(), restless_skill, bounds=bounds)
     assert found.is_feasible == is_feasible
     missed = count / COUNT if distance > 0.010 else 0.0
@@ -398,8 +398,8 @@ def test_what_joints_cannot_follow_adds_to_the_tracking_error(
 @pytest.mark.parametrize(
     ("lag", "tilt", "words"),
     [
-        (0.012, 0.02, "by 12 mm and 1.1 degrees rms"),
-        (0.001, 0.12, "by 1 mm and 6.9 degrees rms"),
+        (0.012, 0.02, "by 12.5 mm and 1.1 degrees rms"),
+        (0.001, 0.12, "by 3.5 mm and 6.9 degrees rms"),
         (0.001, 0.02, None),
     ],
 )
@@ -412,6 +412,33 @@ def test_a_tool_that_joints_take_off_its_path_is_refused(
     if words:
         text = "joints are braked, nearly singular or at their limits, and"
         assert f"{text} the tool is off its path {words}" in found.verdict
+
+
+@pytest.mark.usefixtures("predicted")
+@pytest.mark.parametrize(("lag", "is_feasible"), [(0.0025, False), (0.0023, True)])
+def test_deviation_and_friction_share_the_tolerance(
+    restless_skill, deviate, lag, is_feasible
+):
+    scenario = Scenario(tolerance=0.005)
+    deviate(lag=lag, tilt=0.0)
+    # Runs are up to 1.5 times as far off by joints as predicted, but not by friction.
+    friction_lag = scenario.contact_friction() * 10 / 1500
+    assert (np.hypot(lag / 0.65, friction_lag) < 0.005) == is_feasible
+    assert CheckFeasibility(scenario, restless_skill).is_feasible == is_feasible
+
+
+def test_distance_from_the_path_is_compared_with_the_tolerance(
+    predicted, restless_skill
+):
+    def change(motion, **_):
+        motion.error[..., 4] = 0.004
+
+    predicted.change = change
+    scenario = Scenario()
+    assert CheckFeasibility(scenario, restless_skill).is_feasible
+    scenario.tolerance = 0.0039
+    verdict = CheckFeasibility(scenario, restless_skill).verdict
+    assert "100.0 % of the path is out of reach, by up to 4 mm" in verdict
 
 
 def test_speed_and_torque_of_an_arm_out_of_reach_are_not_judged(
@@ -495,7 +522,7 @@ def test_friction_limits_the_press_as_well(predicted, restless_skill):
     assert found.values["largest_press"] == pytest.approx(0.010 / per_newton)
     lag = round(40e3 * per_newton)
     assert (
-        f"at a normal force of 40 N friction holds the eraser {lag} mm behind its path. "
+        f"at a normal force of 40 N friction holds the eraser {lag}.0 mm behind its path. "
         f"What would help: press with at most {int(0.010 / per_newton)} N."
         in found.verdict
     )
@@ -716,7 +743,7 @@ def test_a_push_that_lifts_the_eraser_is_refused_and_a_normal_force_helps(
             )[1]
         )
         assert wanted < force < 14
-        bound = FollowingBounds().lift
+        bound = FollowingBounds().lift * scenario.tolerance
         lifts = [
             predict_lift([push], scenario.impedance, force=force - less, mass=4.0)
             for less in (0, 1)

@@ -8,12 +8,10 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from fmp_drake.station import LoadRobot
+from fmp_drake.station import LoadRobot, Scenario
 from fmp_drake.station.robots.robot import DEFAULT_ROBOT
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
-MOST_RMS = 0.010
-"""Greatest allowed rms distance from the path, m."""
 LEAST_PRESSED = 0.95
 """Least allowed fraction of the time in contact within 5 N of the desired normal force."""
 LEAST_CONTACT = 0.95
@@ -85,6 +83,11 @@ class Trial:
         return fields
 
     @property
+    def tolerance(self) -> float:
+        """Greatest allowed rms distance from the path, m; 10 mm in older stores."""
+        return float(self.fields.get("tolerance", Scenario.tolerance))
+
+    @property
     def has_board(self) -> bool:
         """Return whether there is a board, or free space."""
         return self.fields["board"].get("shape") != "none"
@@ -149,7 +152,7 @@ def on_board_rms(trial: Trial) -> float:
 def misses_by_height(trial: Trial) -> bool:
     """Return whether only the path on the assumed board is missed."""
     rms = (trial.metrics or {}).get("tracking_rms_m", 0.0)
-    return on_board_rms(trial) <= MOST_RMS < rms
+    return on_board_rms(trial) <= trial.tolerance < rms
 
 
 def most_tilt(trial: Trial) -> float:
@@ -189,7 +192,7 @@ def _judged(trial: Trial) -> Iterator[Fault]:
     yield Fault("limit", 1 - margin, f"a joint is {-margin:.3f} rad beyond its limit")
     rms, most = on_board_rms(trial), value("tracking_max_m")
     text = f"follows its path to {1e3 * rms:.1f} mm rms, {1e3 * most:.0f} mm at most"
-    yield Fault("path", rms / MOST_RMS, text)
+    yield Fault("path", rms / trial.tolerance, text)
     if not pushes:
         tilt, limit = value("orientation_rms_deg"), most_tilt(trial)
         text = f"is {tilt:.2f} degrees rms off its orientation, above {limit:g}"

@@ -46,12 +46,13 @@ class FollowingBounds:
 
     Attributes
     ----------
-    distance, farthest : float
+    farthest : float
         Distance between a desired position and the static position of the arm in its springs,
-        m. If `distance` is exceeded for moments, the tracking error decides, up to `farthest`.
+        m. If the scenario's tolerance is exceeded for moments, the tracking error decides, up
+        to `farthest`.
     tracking_error : float
-        Predicted rms distance from the path, m, for positions out of reach or braked joints.
-        The limit for a run is 10 mm; there runs were up to 1.5 times as far off.
+        Predicted rms distance from the path, as a fraction of the scenario's tolerance, for
+        positions out of reach or braked joints: there runs were up to 1.5 times as far off.
     tilt, steepest : float
         Of the eraser with respect to the board, rad. At `tilt` its end lifts by 6 mm, a fifth
         of the felt. If it is exceeded for moments, the tilt error decides, up to `steepest`.
@@ -77,27 +78,25 @@ class FollowingBounds:
         of ten runs with 0.011 or more seven were outside it, or out of contact, for 5 to 22 %
         of the time, and of 112 with 0.006 or less five, all of them pushed.
     lift : float
-        Of the eraser off the board by a push, m: 8 cm alone are 10 mm rms in a run of 30 s.
-        Three runs with 0.080 or 0.081 had 10.0 to 10.4 mm, two with 0.073 had 7.3 and 9.7.
+        Of the eraser off the board by a push, in tolerances: 8 cm alone are 10 mm rms in a
+        run of 30 s. Three runs with 8.0 or 8.1 cm had 10.0 to 10.4 mm, two with 7.3 cm had
+        7.3 and 9.7.
     clearance : float
         Of the arm's links from the board, m.
     torque_fraction : float
         Of the joints' torque limits; the rest is for springs and pushes.
-    friction_lag : float
-        Largest lag of the pressed eraser behind its path by friction, m.
     exceptions : float
         Fraction of the samples that may violate a bound: tails of the Gaussians, which are
         hardly ever played.
 
     Examples
     --------
-    >>> FollowingBounds(distance=0.005).tilt
+    >>> FollowingBounds(lift=5.0).tilt
     0.1
     """
 
-    distance: float = 0.010
     farthest: float = 0.040
-    tracking_error: float = 0.0065
+    tracking_error: float = 0.65
     tilt: float = 0.1
     steepest: float = 0.2
     tilt_error: float = 0.035
@@ -107,10 +106,9 @@ class FollowingBounds:
     joint_reserve: float = 0.03
     brief: float = 0.2
     unsteady: float = 0.01
-    lift: float = 0.077
+    lift: float = 7.7
     clearance: float = 0.02
     torque_fraction: float = 0.9
-    friction_lag: float = 0.010
     exceptions: float = 0.002
 
 
@@ -301,7 +299,7 @@ class BoardReach:
         """
         bounds = self._bounds
         distance, tilt = lengths(motion.error, has_rotation=has_rotation)
-        is_far, is_tilted = distance > bounds.distance, tilt > bounds.tilt
+        is_far, is_tilted = distance > self._scenario.tolerance, tilt > bounds.tilt
         margin = self.limits.half_range - np.abs(motion.q - self.limits.middle)
         wall = self._scenario.impedance.walls.width + bounds.joint_reserve
         return is_far, is_tilted, np.min(margin, axis=-1) < wall, margin

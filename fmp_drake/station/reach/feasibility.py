@@ -167,6 +167,7 @@ class _Check:
         bounds: FollowingBounds,
     ) -> None:
         self._scenario, self._skill, self._bounds = scenario, skill, bounds
+        self._most_error = bounds.tracking_error * scenario.tolerance
         self._reach = BoardReach(scenario, bounds)
         board, roles = scenario.board, SkillRoles(skill)
         self._tempo = max(scenario.skill.tempo, _MIN_TEMPO)
@@ -374,7 +375,7 @@ class _Check:
         friction_lag = self._friction_lag() * float(np.max(self._force))
         rms = math.hypot(_rms(distance), lag, friction_lag)
         is_far = self._is_frequent(far) and (
-            rms > bounds.tracking_error or self._is_frequent(distance > bounds.farthest)
+            rms > self._most_error or self._is_frequent(distance > bounds.farthest)
         )
         tilt_rms = _rms(tilt)
         is_tilted = self._is_frequent(tilted) and (
@@ -435,7 +436,7 @@ class _Check:
     def _judge_force(self, motion: PredictedMotion) -> Values:
         bounds, force = self._bounds, float(np.max(self._force))
         effort = self._reach.limits.upper_effort
-        friction_lag = self._friction_lag()
+        friction_lag, tolerance = self._friction_lag(), self._scenario.tolerance
         torque, per_newton = motion.torque / effort, motion.force_torque / effort
         forces = np.asarray(self._force)[..., None]
         ratio = np.quantile(
@@ -444,15 +445,15 @@ class _Check:
         reserve = bounds.torque_fraction - np.sign(per_newton) * torque
         limits = np.min(reserve / np.maximum(np.abs(per_newton), 1e-9), axis=-1)
         torque_limit = np.quantile(np.maximum(limits, 0.0), bounds.exceptions)
-        limit = min(float(torque_limit), bounds.friction_lag / max(friction_lag, 1e-9))
+        limit = min(float(torque_limit), tolerance / max(friction_lag, 1e-9))
         if ratio > bounds.torque_fraction and not self._faults:
             self._faults.append(f"a joint needs {100 * ratio:.0f} % of its torque")
         if not self._scenario.has_board:
             return {"largest_torque_ratio": ratio}
-        if friction_lag * force > bounds.friction_lag:
+        if friction_lag * force > tolerance:
             self._faults.append(
                 f"at a normal force of {force:g} N friction holds the eraser "
-                f"{1e3 * friction_lag * force:.0f} mm behind its path"
+                f"{1e3 * friction_lag * force:.1f} mm behind its path"
             )
         if force > limit > 1:
             self._softer = limit
@@ -475,6 +476,9 @@ class _Check:
             values |= {"force_error": _rms(error), "unsteady_fraction": unsteady}
         if self._faults:
             return values
+        # Friction does not make runs worse than predicted.
+        friction_lag = self._friction_lag() * float(np.max(self._force))
+        distance = math.hypot(lag, bounds.tracking_error * friction_lag)
         text, allowed = "", bounds.constant_force_error
         if np.ndim(self._force):
             allowed = bounds.force_error
@@ -482,10 +486,10 @@ class _Check:
             text = (
                 f"the tool is off its orientation by {np.rad2deg(turn):.1f} degrees rms"
             )
-        elif lag > bounds.tracking_error or turn > bounds.tilt:
+        elif distance > self._most_error or turn > bounds.tilt:
             text = (
-                f"the tool is off its path by {1e3 * lag:.0f} mm and "
-                f"{np.rad2deg(turn):.1f} degrees rms"
+                f"the tool is off its path by {1e3 * math.hypot(lag, friction_lag):.1f} mm "
+                f"and {np.rad2deg(turn):.1f} degrees rms"
             )
         elif has_board and unsteady > bounds.unsteady:
             text = (
@@ -502,10 +506,10 @@ class _Check:
 
     def _judge_pushes(self, motion: PredictedMotion) -> Values:
         """Return how far scripted pushes lift the eraser off the board."""
-        scenario, allowed = self._scenario, self._bounds.lift
+        scenario, force = self._scenario, float(np.max(self._force))
         if not scenario.has_board:
             return {}
-        force = float(np.max(self._force))
+        allowed = self._bounds.lift * scenario.tolerance
         found = predict_lifts(scenario, motion, force=force, allowed=allowed)
         if found.lift > allowed:
             self._firmer = found.withstanding
