@@ -85,6 +85,60 @@ def pandas_dates(folder):
     return write(folder, lines(dates, *PATH.T, header="datetime,x,y,z"))
 
 
+def axis_before_the_word(folder):
+    return write(folder, xyz(header="time,xPos,Y Position (m),z-axis"))
+
+
+def units_in_the_singular(folder):
+    header = "time,x [millimeter],y [millimeter],z [millimeter]"
+    return write(folder, xyz(path=1e3 * PATH, header=header))
+
+
+def number_after_a_column_of_words(folder):
+    words = ["tool"] * len(TIME)
+    columns = lines(words, TIME, *PATH.T, header="who,time,a,b,c")
+    return write(folder, columns, columns="x=3,y=4,z=5")
+
+
+def qualisys(folder):
+    """Settings of two cells before the header, which ends with a tab."""
+    settings = (
+        f"NO_OF_FRAMES\t{len(TIME)}\nFREQUENCY\t{RATE}\n"
+        "TIME_STAMP\t2026-01-19, 10:19:43.755\t2063631.96\nMARKER_NAMES\tWand\n"
+    )
+    header = "Frame\tTime\tWand X\tWand Y\tWand Z\t"
+    columns = lines(
+        range(1, len(TIME) + 1), TIME, *PATH.T, header=header, delimiter="\t"
+    )
+    return write(folder, settings + columns, "d.tsv")
+
+
+def hands_in_turn(folder):
+    """Rows of two hands in turn, with a time of their own each."""
+    hands = np.tile(["left", "right"], len(TIME))
+    path = np.repeat(PATH, 2, axis=0)
+    path[1::2] += 1.0
+    columns = lines(hands, np.repeat(TIME, 2), *path.T, header="hand,time,x,y,z")
+    return write(folder, columns, topic="left")
+
+
+def numbered_sensors_in_turn(folder):
+    numbers = np.tile([3, 7], len(TIME))
+    path = np.repeat(PATH, 2, axis=0)
+    path[0::2] += 1.0
+    columns = lines(numbers, np.repeat(TIME, 2), *path.T, header="sensor_id,t,x,y,z")
+    return write(folder, columns, topic="7")
+
+
+def sensors_in_turn_without_a_choice(folder):
+    return numbered_sensors_in_turn(folder)._replace(options={})
+
+
+def rostopic_echo_in_yaml(folder):
+    message = "header: \n  seq: 1\npose: \n  position: \n    x: 0.4\n---\n"
+    return write(folder, 400 * message, "d.txt")
+
+
 def short_t(folder):
     return write(folder, xyz(header="t,x,y,z"))
 
@@ -731,7 +785,7 @@ def excel(folder):
 
 
 def windows(folder):
-    np.save(folder / "d.npy", np.zeros((5, 120, 3)))
+    np.save(folder / "d.npy", np.zeros((5, 3, 3, 120)))
     return Written(folder / "d.npy", {"sample-rate": RATE})
 
 
@@ -905,6 +959,39 @@ def hdf5_of_matlab(folder):
     return hdf5(folder / "d.mat", arrays)
 
 
+def hdf5_of_matlab_7_3(folder):
+    import h5py
+
+    with h5py.File(folder / "d.mat", "w", userblock_size=512) as file:
+        file["t"], file["pos"] = TIME[None], PATH.T
+    with (folder / "d.mat").open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
+    return Written(folder / "d.mat")
+
+
+def hdf5_of_two_arms(folder):
+    arrays = {"left/pose": PATH, "right/pose": PATH + 1.0, "timestamp": TIME}
+    columns = ",".join(f"{a}=left/pose_{a}" for a in "xyz")
+    return hdf5(folder / "d.h5", arrays)._replace(options={"columns": columns})
+
+
+def hdf5_of_angles_beside_a_position(folder):
+    pose = np.column_stack([PATH, TURNS.as_euler("xyz")])
+    state = "observation/robot_state"
+    arrays = {f"{state}/cartesian_position": pose, "action/joint_position": JOINTS}
+    file = hdf5(folder / "d.h5", arrays)
+    return file._replace(options={"sample-rate": RATE})
+
+
+def hdf5_of_episodes(folder):
+    arrays = {
+        f"traj_{k}/{name}": array
+        for k in (0, 1)
+        for name, array in (("time", TIME), ("position", PATH + k))
+    }
+    return hdf5(folder / "d.h5", arrays)
+
+
 def hdf5_of_links(folder):
     """A file whose numbers are in other files."""
     import h5py
@@ -938,6 +1025,48 @@ def matlab_matrix(folder):
 
     savemat(folder / "d.mat", {"data": np.column_stack([TIME, PATH])})
     return Written(folder / "d.mat")
+
+
+def _recordings():
+    return [{"t": TIME[None], "pos": (PATH + k).T} for k in (0, 1)]
+
+
+def matlab_structures(folder):
+    """As of many authors: a list of structures, each a recording."""
+    from scipy.io import savemat
+
+    savemat(folder / "d.mat", {"demos": _recordings(), "dt": 1 / RATE, "name": "S"})
+    return Written(folder / "d.mat")
+
+
+def matlab_cells(folder):
+    from scipy.io import savemat
+
+    cells = np.empty(2, object)
+    for k in (0, 1):
+        cells[k] = np.column_stack([TIME, PATH + k])
+    savemat(folder / "d.mat", {"demos": cells})
+    return Written(folder / "d.mat")
+
+
+def npy_of_recordings(folder):
+    np.save(folder / "d.npy", [np.column_stack([TIME, PATH + k]) for k in (0, 1)])
+    return Written(folder / "d.npy")
+
+
+def json_recordings(folder):
+    recordings = [
+        {n: a.T.squeeze().tolist() for n, a in r.items()} for r in _recordings()
+    ]
+    return write(folder, json.dumps({"demos": recordings}), "d.json")
+
+
+def json_with_gaps(folder):
+    """A tracker that lost its target three times."""
+    position = PATH.tolist()
+    position[0], position[9], position[10] = None, None, []
+    rows = [{"t": t, "position": p} for t, p in zip(TIME, position, strict=True)]
+    return write(folder, json.dumps(rows), "d.json")
 
 
 def json_lines(folder):

@@ -412,7 +412,11 @@ class RecordingOptions:
     sample_rate: float | None = option(
         None, "Sample rate of a recording without times, Hz.", basic=False
     )
-    topic: str = option("", "Topic of a bag, or feature of a dataset.", basic=False)
+    topic: str = option(
+        "",
+        "Topic of a bag, feature of a dataset, or sensor of a table of several.",
+        basic=False,
+    )
     quaternions: Literal["xyzw", "wxyz"] = option(
         "xyzw", "Order of the elements of quaternions without names.", basic=False
     )

@@ -17,7 +17,7 @@ from fmp_drake.primitives.data.channels import (
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
 )
-from fmp_drake.primitives.data.reading.columns import SEVERAL
+from fmp_drake.primitives.data.reading.columns import NO_POSITION, SEVERAL
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.skills.joint_recording import EraserPath, FindRobot, RobotJoints
 from fmp_drake.skills.surface_placement import (
@@ -289,6 +289,17 @@ def _played_channels(demonstration: Demonstration, *, is_placed: bool) -> list[s
     return names
 
 
+def _missing_position(demonstration: Demonstration, robot: str) -> str:
+    """Return why a recording without x, y and z is refused, and what to do."""
+    for note in demonstration.note.split("; "):
+        if note.startswith(SEVERAL):
+            return f"{note}, or learn all of them as they are (learn --as-recorded)"
+    return (
+        f"the channels are {', '.join(demonstration.channels)}; the board needs x, y and "
+        f"z. {_advice_without_position(demonstration, robot)}"
+    )
+
+
 def _advice_without_position(demonstration: Demonstration, robot: str) -> str:
     """Return what to do with a recording without x, y and z."""
     names, units, advice = demonstration.channels, demonstration.units, ""
@@ -300,16 +311,27 @@ def _advice_without_position(demonstration: Demonstration, robot: str) -> str:
     if len(names) < len(POSITION_CHANNELS):
         return f"{advice}Learn it as it is: learn --as-recorded"
     lengths = [n for n, unit in zip(names, units, strict=True) if unit == "m"]
-    first = lengths if len(lengths) >= len(POSITION_CHANNELS) else names
-    sources = {}
-    for axis, default in zip(POSITION_CHANNELS, first, strict=False):
-        named = (n for n in first if axis in re.split(r"[\W_]+", n.lower()))
-        sources[axis] = next(named, default)
-    example = columns_option(sources)
+    are_lengths = len(lengths) >= len(POSITION_CHANNELS)
+    sources = lengths if are_lengths else ["COLUMN"] * len(POSITION_CHANNELS)
+    candidates = lengths if are_lengths else names
+    named = [
+        name
+        for axis in POSITION_CHANNELS
+        for name in [n for n in candidates if _is_axis(n, axis)][:1]
+    ]
+    if len(named) == len(POSITION_CHANNELS):
+        sources = named
+    example = columns_option(dict(zip(POSITION_CHANNELS, sources, strict=False)))
     return (
         f"{advice}Learn it as it is (learn --as-recorded), or, if they are among the "
         f"channels, name them, such as {example}"
     )
+
+
+def _is_axis(name: str, axis: str) -> bool:
+    """Return whether a name may be that of a position along an axis: `tx_world`."""
+    words = re.split(r"[\W_]+", name.lower())
+    return bool({axis, f"t{axis}"} & {*words}) and not NO_POSITION.search(name.lower())
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -336,25 +358,27 @@ def place_on_board(
     names = demonstration.channels
     if not set(POSITION_CHANNELS) <= set(names):
         robot = FindRobot(demonstration, robot=scenario.robot)
-        if robot is None:
-            notes = demonstration.note.split("; ")
-            for several in (n for n in notes if n.startswith(SEVERAL)):
-                raise DemonstrationError(
-                    f"{several}, or learn all of them as they are (learn --as-recorded)"
-                )
-            if not needs_board:
-                return demonstration, [
-                    "as recorded: without x, y and z there is no board"
-                ]
-            raise DemonstrationError(
-                f"the channels are {', '.join(names)}; the board needs x, y and z. "
-                f"{_advice_without_position(demonstration, scenario.robot)}"
+        if robot is not None:
+            demonstration = EraserPath(
+                demonstration, eraser=scenario.eraser, robot=robot
             )
-        demonstration = EraserPath(demonstration, eraser=scenario.eraser, robot=robot)
-        remarks.append(
-            f"the eraser's path by the forward kinematics of {Path(robot).stem}, from "
-            f"{', '.join(names)}"
-        )
+            remarks.append(
+                f"the eraser's path by the forward kinematics of {Path(robot).stem}, from "
+                f"{', '.join(names)}"
+            )
+        elif {"x", "y"} <= set(names):
+            flat = demonstration.select(POSITION_CHANNELS[:2])
+            demonstration = replace(
+                flat,
+                values=np.pad(flat.values, ((0, 0), (0, 1))),
+                channels=POSITION_CHANNELS,
+                units=("m",) * 3,
+            )
+            remarks.append("x and y without z are a drawing on the board")
+        elif needs_board or f"; {SEVERAL} " in f"; {demonstration.note}":
+            raise DemonstrationError(_missing_position(demonstration, scenario.robot))
+        else:
+            return demonstration, ["as recorded: without x, y and z there is no board"]
     elif len(names) > 3:
         played = _played_channels(demonstration, is_placed=transform is None)
         others = ", ".join(name for name in names if name not in played)

@@ -30,6 +30,15 @@ POSITIONS = (
     files.pandas_time_index,
     files.pandas_dates,
     files.short_t,
+    files.axis_before_the_word,
+    files.units_in_the_singular,
+    files.number_after_a_column_of_words,
+    files.qualisys,
+    files.hands_in_turn,
+    files.numbered_sensors_in_turn,
+    files.hdf5_of_matlab_7_3,
+    files.hdf5_of_two_arms,
+    files.hdf5_of_angles_beside_a_position,
     files.capitals,
     files.semicolons,
     files.decimal_commas,
@@ -135,8 +144,10 @@ REFUSED = {
     files.unknown_column: r"no column 'px' for x; the columns are time, x, y, z",
     files.repeated_names: r"names of columns repeat: .* time, a, a, a",
     files.no_quaternions: r"not unit quaternions \(lengths from 5 to 5\)",
+    files.sensors_in_turn_without_a_choice: "sensor_id alternates: .* among 3, 7: --topic 3",
+    files.rostopic_echo_in_yaml: "what `rostopic echo` prints; .* -p TOPIC > table.csv",
     files.letter: r"no line of numbers .* header such as `time,x,y,z`",
-    files.windows: r"the array \(5, 120, 3\).* expected .* \(N, D\)",
+    files.windows: r"the array \(5, 3, 3, 120\).* expected .* \(N, D\)",
     files.objects: r"Python objects, which may run code; save an array",
     files.pickled: r"a Python pickle, which may run code; a demonstration is",
     files.excel: r"not a readable Excel file .*; save it as \.csv",
@@ -527,6 +538,80 @@ def test_error_of_a_dataset_lists_missing_parts(damage, message, tmp_path):
     damage(dataset)
     with pytest.raises(FmpError, match=message):
         read_demonstrations([dataset])
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        files.matlab_structures,
+        files.matlab_cells,
+        files.npy_of_recordings,
+        files.json_recordings,
+        files.hdf5_of_episodes,
+    ],
+    ids=name_of,
+)
+def test_several_recordings_in_a_file_are_read(make, tmp_path):
+    found, _ = read(make, tmp_path)
+    assert len(found) == 2
+    for k, demonstration in enumerate(found):
+        assert demonstration.channels == ("x", "y", "z")
+        assert_allclose(demonstration.time, files.TIME, atol=1e-9)
+        assert_allclose(demonstration.values, files.PATH + k, atol=1e-12)
+
+
+def test_samples_without_a_value_in_json_are_left_out(tmp_path):
+    (found,), remarks = read(files.json_with_gaps, tmp_path)
+    known = np.delete(np.arange(400), [0, 9, 10])
+    assert_allclose(found.time, files.TIME[known], atol=1e-9)
+    assert_allclose(found.values, files.PATH[known], atol=1e-12)
+    assert "3 rows without a value left out" in remarks
+
+
+@pytest.mark.parametrize(
+    ("unit", "start", "begin"),
+    [
+        (1.0, 1.7e9, 0.0),
+        (1e-3, 1.7e12, 0.0),
+        (1e-6, 1.7e15, 0.0),
+        (1e-6, 2.0e10, 2.0e4),
+        (1e-9, 1.1e13, 1.1e4),
+        (1e-3, 1.8e8, 1.8e5),
+        (1e-7, 6.39e17, 0.0),
+        (1e-7, 1.34e17, 0.0),
+    ],
+)
+@pytest.mark.parametrize("interval", [0.02, 0.4])
+def test_unit_of_times_of_day_and_since_the_start_of_a_machine_is_found(
+    unit, start, begin, interval, tmp_path
+):
+    time = np.arange(60) * interval
+    stamps = (start + np.round(time / unit, 3)).tolist()
+    path = tmp_path / "d.csv"
+    form = "{:.3f}" if unit == 1.0 else "{:.0f}"
+    rows = [f"{form.format(s)},{np.sin(t)}" for s, t in zip(stamps, time, strict=True)]
+    path.write_text("time,x\n" + "\n".join(rows))
+    (found,), _ = read_demonstrations([path])
+    assert_allclose(found.time, begin + time, atol=1e-4)
+
+
+def test_stamps_of_seconds_that_come_once_a_second_stay_seconds(tmp_path):
+    path = tmp_path / "d.csv"
+    path.write_text(
+        "time,x\n" + "\n".join(f"{1_700_000_000 + i},{i}" for i in range(30))
+    )
+    (found,), _ = read_demonstrations([path])
+    assert found.time[-1] == 29.0
+
+
+def test_two_columns_of_whole_numbers_are_not_decimal_commas(tmp_path):
+    path = tmp_path / "d.csv"
+    path.write_text(
+        "time_ms,angle\n" + "\n".join(f"{20 * i},{500 + i}" for i in range(60))
+    )
+    (found,), _ = read_demonstrations([path])
+    assert found.channels == ("angle",)
+    assert_allclose(found.time, 0.02 * np.arange(60))
 
 
 def test_parts_of_a_dataset_without_names_are_numbered(tmp_path):

@@ -390,6 +390,15 @@ def test_alignment_does_not_depend_on_size_place_or_direction():
     assert ends == pytest.approx((best.start, best.end), abs=5)
 
 
+def test_a_recording_of_rest_has_no_rhythm_and_gives_no_warning():
+    still = demonstration(np.tile([0.4, 0.1, 0.3], (400, 1)))
+    with (
+        np.errstate(all="raise"),
+        pytest.raises(DemonstrationError, match="no part of it comes again"),
+    ):
+        find_rhythm(still)
+
+
 def test_rest_is_not_similar_to_rest():
     assert aligned_period([np.zeros((200, 2))]) is None
     step = np.concatenate([np.zeros((90, 2)), eased(np.zeros(2), np.ones(2), 20)])

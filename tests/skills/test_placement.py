@@ -303,3 +303,37 @@ def test_columns_are_suggested_by_their_axes():
     )
     with pytest.raises(DemonstrationError, match="--columns x=x_one,y=y_one,z=z_one"):
         place_on_board(recording, scenario=Scenario())
+
+
+def test_names_of_velocities_and_angles_are_not_suggested_as_a_position():
+    names = ("velocity_x", "velocity_y", "velocity_z", "tx_base", "ty_base", "tz_base")
+    recorded = Demonstration(
+        time=np.arange(100) / 50,
+        values=np.random.default_rng(0).random((100, 6)),
+        channels=names,
+        units=("1",) * 6,
+    )
+    with pytest.raises(
+        DemonstrationError, match=r"--columns x=tx_base,y=ty_base,z=tz_base$"
+    ):
+        place_on_board(recorded, scenario=Scenario())
+    velocities = recorded.select(names[:3])
+    with pytest.raises(DemonstrationError, match=r"x=COLUMN,y=COLUMN,z=COLUMN$"):
+        place_on_board(velocities, scenario=Scenario())
+
+
+def test_a_drawing_is_placed_on_the_board():
+    path = strokes(lift=0.0, noise=0.0)
+    drawing = Demonstration(
+        time=np.arange(600) / 50,
+        values=np.column_stack([path[:, :2], np.ones(600)]),
+        channels=("x", "y", "pressure"),
+        units=("m", "m", "1"),
+    )
+    placed, remarks = place_on_board(drawing, scenario=Scenario())
+    assert placed.channels == ("x", "y", "z")
+    assert placed.units == ("m", "m", "m")
+    low, high = path[:, :2].min(axis=0), path[:, :2].max(axis=0)
+    assert_allclose(placed.values[:, :2], path[:, :2] - (low + high) / 2, atol=1e-9)
+    assert np.all(placed.values[:, 2] == 0.0)
+    assert remarks[0] == "x and y without z are a drawing on the board"

@@ -1,13 +1,11 @@
-"""Readers of arrays: NumPy, Parquet, LeRobot, JSON, MATLAB, Excel, HDF5 (robomimic, ALOHA)."""
+"""Readers of arrays: NumPy, Parquet, JSON, MATLAB, Excel."""
 
 import csv
 import io
 import json
 import math
-import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +39,8 @@ METADATA = ("channels", "units", "frame", "note", "rotation_reference")
 """Fields of a demonstration in the metadata of a saved file."""
 _RATES = ("fps", "rate", "sample_rate", "frequency", "control_freq", "dt")
 _JSON_LINE = '{"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}'
-# The feature of a dataset that is read unless another is named.
-_STATE = "observation.state"
-# Datasets that are read unless others are named: robomimic's pose, ALOHA's joints.
-_POSE = re.compile(r"(?:.*/)?(\w*eef)_(pos|quat)")
-_JOINTS = re.compile(r"(?:.*/)?observations/qpos")
+# Fewest samples of one of several recordings in a file.
+_FEWEST = 20
 
 
 def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
@@ -63,9 +58,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     arrays = read_npz(path, f"a demonstration is {FORMAT.source}", most=MOST_BYTES)
     name = "values" if "values" in arrays else "position"
     if "metadata" not in arrays and not {"time", name} <= set(arrays):
-        if len(arrays) == 1:
-            arrays = {"": next(iter(arrays.values()))}
-        return [table_of(path, arrays)]
+        return _tables_of(path, arrays)
     time, values = (arrays.get(key) for key in ("time", name))
     if time is None or values is None:
         raise SkillFileError(f"{path} holds no `time` or no `values`.")
@@ -112,18 +105,20 @@ def read_npy(path: Path, _options: ReadingOptions) -> list[Table]:
     check_size(path, array.nbytes)
     names = array.dtype.names
     arrays = {name: array[name] for name in names} if names else {"": array}
-    return [table_of(path, arrays)]
+    return _tables_of(path, arrays)
 
 
 def align_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Return arrays with the samples along the first axis: (N,), (N, k).
 
     N is the greatest length of an axis. Arrays (1, N) and (N, 1) become (N,), matrices
-    (N, 4, 4) become (N, 16).
+    (N, 4, 4) and (N, 1, 4, 4) become (N, 16).
     """
     count = max((n for a in arrays.values() for n in a.shape), default=0)
     aligned = {}
     for name, array in arrays.items():
+        if array.shape[1:] == (1, 4, 4):
+            array = array[:, 0]
         if array.shape[1:] == (4, 4):
             array = array.reshape(len(array), 16)
         if array.ndim == 2 and 1 in array.shape:
@@ -131,6 +126,61 @@ def align_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
         is_transposed = array.ndim == 2 and array.shape[1] == count != array.shape[0]
         aligned[name] = array.T if is_transposed else array
     return aligned
+
+
+def _tables_of(path: Path, content: Mapping[str, Any]) -> list[Table]:
+    """Return a table of each recording in nested mappings of arrays."""
+    tables = []
+    for recording in _recordings(content):
+        arrays = {name: np.asarray(value) for name, value in _flat(recording)}
+        if len(arrays) == 1:  # Of one matrix the columns have no names.
+            arrays = {"": next(iter(arrays.values()))}
+        tables.append(table_of(path, arrays))
+    return tables
+
+
+def _recordings(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the content of each recording in a list of them, or the content itself.
+
+    A list may be an array (K, N, D), and its items mappings of arrays. Single numbers
+    beside it belong to all recordings.
+    """
+    while len(content) == 1 and isinstance(
+        inner := next(iter(content.values())), Mapping
+    ):
+        content = inner
+    lists, others = dict[str, Any](), dict[str, Any]()
+    for name, value in content.items():
+        is_listed = isinstance(value, list) or (
+            isinstance(value, np.ndarray) and (value.dtype == object or value.ndim == 3)
+        )
+        is_several = is_listed and len(value) > 1 and all(map(_is_recording, value))
+        (lists if is_several else others)[name] = value
+    count = min(map(len, lists.values()), default=0)
+    if any(len(value) != count for value in lists.values()):
+        return [content]
+    shared = {name: value for name, value in others.items() if np.size(value) == 1}
+    recordings: list[Mapping[str, Any]] = []
+    for i in range(count):
+        items = {name: value[i] for name, value in lists.items()}
+        first = next(iter(items.values()))
+        is_one = len(items) == 1 and isinstance(first, Mapping)
+        recordings.append({**shared, **(first if is_one else items)})
+    return recordings or [content]
+
+
+def _is_recording(item: Any) -> bool:
+    """Return whether a value is a matrix over time, or a mapping with values over time."""
+    if isinstance(item, Mapping):
+        lists = (v for v in item.values() if isinstance(v, list | np.ndarray | Mapping))
+        return any(
+            _is_recording(v) or (not isinstance(v, Mapping) and len(v) >= _FEWEST)
+            for v in lists
+        )
+    shape = np.shape(item) if isinstance(item, np.ndarray) else ()
+    if isinstance(item, list) and item and isinstance(item[0], list):
+        shape = (len(item), len(item[0]))
+    return len(shape) == 2 and max(shape) >= _FEWEST
 
 
 def table_of(
@@ -200,10 +250,10 @@ def read_parquet(path: Path, _options: ReadingOptions) -> list[Table]:
     SkillFileError
         Where it cannot be read, or pyarrow is not installed.
     """
-    return [_parquet_table(path, None)]
+    return [parquet_table(path, None)]
 
 
-def _parquet_table(path: Path, columns: list[str] | None) -> Table:
+def parquet_table(path: Path, columns: list[str] | None) -> Table:
     """Return some columns of a Parquet file, or all."""
     with readable(path, "a Parquet file", extra="parquet"):
         from pyarrow import parquet
@@ -228,72 +278,6 @@ def _array(column: Any) -> NDArray[Any]:
     return array
 
 
-def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
-    """Return one feature of each episode of a LeRobot dataset, version 2 or 3.
-
-    Parameters
-    ----------
-    folder : Path
-        With `meta/info.json` and `data`.
-    options : ReadingOptions
-        Its topic is the feature; "" for the observed state.
-
-    Raises
-    ------
-    SkillFileError
-        Where the dataset is incomplete, or the feature is not in it.
-    """
-    feature = options.topic or _STATE
-    info_file = folder / "meta" / "info.json"
-    try:
-        info = json.loads(info_file.read_text(encoding="utf-8"))
-        features, rate = info["features"], float(info["fps"])
-        kinds = {str(name): dict(kind) for name, kind in features.items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SkillFileError(
-            f"{info_file} is not a LeRobot dataset's ({error!r})."
-        ) from None
-    if feature not in kinds:
-        numeric = [n for n, kind in kinds.items() if "float" in str(kind.get("dtype"))]
-        raise SkillFileError(
-            f"{folder} has no feature {feature}; {topic_choice(numeric)}"
-        )
-    files = sorted((folder / "data").rglob("*.parquet"))
-    if not files:
-        raise SkillFileError(f"{folder} has no data/**/*.parquet.")
-    check_size(folder, sum(f.stat().st_size for f in files), MOST_BYTES / 4)
-    time_columns = ["timestamp", "episode_index"]
-    tables = [_parquet_table(file, [feature, *time_columns]) for file in files]
-    first = tables[0].names
-    if any(table.names != first for table in tables):
-        raise SkillFileError(f"{folder}: its files have different columns.")
-    values = np.concatenate([table.values for table in tables])
-    missing = set(time_columns) - set(first)
-    columns = [i for i, name in enumerate(first) if name not in time_columns]
-    if missing or not columns:
-        raise SkillFileError(f"{folder} has no column {min(missing, default=feature)}.")
-    time, episode = (values[:, first.index(name)] for name in time_columns)
-    names = ("time", *_names(kinds[feature].get("names"), len(columns)))
-    remark = f"{feature} at {rate:g} Hz"
-    return [
-        Table(
-            names=names,
-            units=("s",),
-            values=np.column_stack([time, values[:, columns]])[episode == number],
-            remarks=(f"episode {number:.0f}: {remark}",),
-        )
-        for number in np.unique(episode)
-    ]
-
-
-def _names(names: Any, count: int) -> tuple[str, ...]:
-    """Return the names of a feature's elements, from a list or a group of lists."""
-    if isinstance(names, dict):
-        names = next(iter(names.values()), None)
-    labels = tuple(map(str, names)) if isinstance(names, list) else ()
-    return labels if len(set(labels)) == len(labels) == count else ("",) * count
-
-
 def read_json(path: Path, _options: ReadingOptions) -> list[Table]:
     """Return the numbers of JSON lines, a list of objects, or an object of lists.
 
@@ -305,7 +289,11 @@ def read_json(path: Path, _options: ReadingOptions) -> list[Table]:
         Where the file is not JSON of this form; a broken line is named.
     """
     try:
-        return [table_of(path, _json_columns(path, read_lines(path)))]
+        content = _json_content(path, read_lines(path))
+        recordings = _recordings(
+            content if isinstance(content, dict) else {"": content}
+        )
+        return [table_of(path, _json_columns(path, each)) for each in recordings]
     except (ValueError, RecursionError) as reason:
         if isinstance(reason, SkillFileError):
             raise
@@ -315,10 +303,10 @@ def read_json(path: Path, _options: ReadingOptions) -> list[Table]:
         ) from None
 
 
-def _json_columns(path: Path, lines: list[str]) -> dict[str, NDArray[Any]]:
-    """Return the arrays in the lines of a JSON file."""
+def _json_content(path: Path, lines: list[str]) -> Any:
+    """Return the content of a JSON file, or that of each line."""
     try:
-        content = json.loads("\n".join(lines))
+        return json.loads("\n".join(lines))
     except ValueError:
         content = []
         for number, line in enumerate(lines, 1):
@@ -329,6 +317,13 @@ def _json_columns(path: Path, lines: list[str]) -> dict[str, NDArray[Any]]:
                     f"{path}: line {number} is not JSON ({reason}); expected an object "
                     f"in each line, such as {_JSON_LINE}."
                 ) from None
+    return content
+
+
+def _json_columns(path: Path, content: Any) -> dict[str, NDArray[Any]]:
+    """Return the arrays of one recording in JSON."""
+    if isinstance(content, dict) and list(content) == [""]:
+        content = content[""]
     if isinstance(content, dict):
         lists = [value for value in content.values() if _is_objects(value)]
         content = lists[0] if len(lists) == 1 else content
@@ -336,10 +331,13 @@ def _json_columns(path: Path, lines: list[str]) -> dict[str, NDArray[Any]]:
         rows = [dict(_flat(item)) for item in content]
         columns = {}
         for name in dict.fromkeys(name for row in rows for name in row):
-            shapes = {np.shape(row[name]) for row in rows if name in row}
+            found = [row.get(name) for row in rows]
+            shapes = {np.shape(value) for value in found if value not in (None, [])}
             if len(shapes) == 1:
                 missing = np.full(shapes.pop(), np.nan)
-                columns[name] = np.array([row.get(name, missing) for row in rows])
+                columns[name] = np.array(
+                    [missing if value in (None, []) else value for value in found]
+                )
     elif isinstance(content, dict):
         columns = {name: np.asarray(value) for name, value in _flat(content)}
     elif isinstance(content, list) and all(isinstance(row, list) for row in content):
@@ -366,11 +364,7 @@ def read_matlab(path: Path, _options: ReadingOptions) -> list[Table]:
         # Files may be compressed: the shapes are read before the numbers.
         check_size(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(path)))
         content = loadmat(path, simplify_cells=True)
-    variables = {k: v for k, v in content.items() if not k.startswith("__")}
-    arrays = {k: np.asarray(v) for k, v in _flat(variables)}
-    if len(arrays) == 1:  # Of one matrix the columns have no names.
-        arrays = {"": next(iter(arrays.values()))}
-    return [table_of(path, arrays)]
+    return _tables_of(path, {k: v for k, v in content.items() if k[:2] != "__"})
 
 
 def read_excel(path: Path, options: ReadingOptions) -> list[Table]:
@@ -414,92 +408,6 @@ def read_excel(path: Path, options: ReadingOptions) -> list[Table]:
     raise reasons[0]
 
 
-def read_hdf5(path: Path, options: ReadingOptions) -> list[Table]:
-    """Return the tables of an HDF5 file: one per episode of a dataset, else one.
-
-    Parameters
-    ----------
-    path : Path
-    options : ReadingOptions
-        Its topic is the name of a dataset in the file (or in each episode), such as
-        `action`; "" for the pose of an end effector, the joints, or all arrays of one length.
-
-    Raises
-    ------
-    SkillFileError
-        Where the file cannot be read, the dataset is missing, or h5py is not installed.
-    """
-    with readable(path, "an HDF5 file", extra="hdf5"):
-        import h5py
-
-        with h5py.File(path, "r") as file:
-            data = file.get("data")
-            groups: Any = data if isinstance(data, h5py.Group) else {}
-            episodes = {
-                name: groups[name]
-                for name in sorted(groups, key=_natural)
-                if isinstance(groups.get(name, getlink=True), h5py.HardLink)
-                and isinstance(groups[name], h5py.Group)
-            }
-            rate = _rate(file) or _rate(data)
-            return [
-                _group_table(path, group, options, rate, name)
-                for name, group in (episodes or {"": file}).items()
-            ]
-
-
-def _group_table(
-    path: Path, group: Any, options: ReadingOptions, rate: float | None, episode: str
-) -> Table:
-    """Return the table of one group, with a time from the rate where there is none."""
-    sets, topic = dict[str, Any](), options.topic
-
-    def visit(name: str, item: Any) -> None:  # Links into other files are not visited.
-        if not hasattr(item, "dtype") or item.is_virtual or item.external:
-            return  # The numbers of virtual datasets are in other files.
-        if item.dtype.kind in "biuf" and item.ndim in (1, 2) and item.size > 1:
-            sets[name] = item
-
-    group.visititems(visit)
-    names = [name for name in sets if topic and f"/{name}".endswith(f"/{topic}")]
-    if topic and not names:
-        raise SkillFileError(
-            f"{path} has no dataset {topic}; {topic_choice(list(sets))}"
-        )
-    names = (
-        names
-        or [name for name in sets if _POSE.fullmatch(name)]
-        or [name for name in sets if _JOINTS.fullmatch(name)]
-        or list(sets)
-    )
-    times = [name for name in sets if TIME_NAME.fullmatch(name)]
-    if times and times[0] not in names:
-        names.insert(0, times[0])
-    check_size(path, sum(sets[name].nbytes for name in names))
-    arrays: dict[str, NDArray[Any]] = {}
-    for name in names:
-        arrays[name.rsplit("/", 1)[-1]] = np.asarray(sets[name])
-    table = table_of(path, arrays, rate=None if times else rate)
-    remark = ", ".join(names) + (f" at {rate:g} Hz" if rate and not times else "")
-    remark = f"{episode}: {remark}" if episode else remark
-    return replace(table, remarks=(remark, *table.remarks))
-
-
-def _rate(group: Any) -> float | None:
-    """Return the sample rate in the attributes of a group, Hz, if any."""
-    settings = dict(getattr(group, "attrs", {}))
-    try:
-        settings |= json.loads(settings.get("env_args", "{}"))["env_kwargs"]
-    except (KeyError, TypeError, ValueError):
-        pass
-    return rate_in(settings)
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Return a key that sorts demo_2 before demo_10."""
-    return [(int(part or 0), text) for text, part in re.findall(r"(\D*)(\d*)", name)]
-
-
 def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the values in nested mappings with their names joined by dots."""
     for name, value in content.items():
@@ -509,4 +417,4 @@ def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
             number = number_in(value)
             yield f"{prefix}{name}", value if number is None else number
         else:
-            yield f"{prefix}{name}", np.nan if value is None else value
+            yield f"{prefix}{name}", value

@@ -6,10 +6,14 @@ from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array, Indices
 from fmp_drake.primitives.data.reading.table import TIMES, ReadingOptions, count_text
 
-# Least time since 1970 in each unit.
-_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (0.0, "s"))
-# Plausible sample intervals of a recorded movement, s.
-_INTERVALS = (4e-4, 0.5)
+# Times of day of a recording, s: since 1970, from 2001 on, and ticks of 100 ns since the
+# year 1 or 1601.
+_EPOCHS = {
+    **dict.fromkeys(("s", "ms", "us", "ns"), (1e9, 4e9)),
+    "100 ns": (1.2e10, 7e10),
+}
+# Plausible sample intervals of a recorded movement, and longest one of a time of day, s.
+_INTERVALS, _LONGEST_INTERVAL = (4e-4, 0.5), 60.0
 # Greatest fraction of samples whose time repeats with other values, and with any.
 _MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
 # Steps backwards in time, in sample intervals, up to which samples are put in order.
@@ -91,8 +95,14 @@ def _seconds(time: Array, stated_unit: str) -> tuple[Array, str]:
     unit = stated_unit
     if not unit and len(steps):
         step, start = float(np.median(steps)), abs(float(time[0]))
-        if start > 1e8:
-            unit = next(name for limit, name in _EPOCHS if start > limit)
+        since_epoch = [
+            name
+            for name, (least, most) in _EPOCHS.items()
+            if least <= start * TIMES[name] <= most
+            and step * TIMES[name] <= _LONGEST_INTERVAL
+        ]
+        if since_epoch:
+            unit = since_epoch[0]
         elif step < 1:
             unit = "s"
         elif np.all(np.diff(time) == 1):

@@ -47,11 +47,15 @@ _WORD = r"(.*?)_?(?:(?<![a-z0-9])(?:{}))?_?([{}])"
 _POSITION = re.compile(
     _WORD.format("p|t|pos|position|translation|point|trans|xyz|ee|eef|tcp", "xyz")
 )
+_AXIS_FIRST = re.compile(r"(^|.*_)([xyz])_?(?:pos(?:ition)?|axis|coord(?:inate)?)$")
 _QUATERNION = re.compile(
-    r"(.*?)_?(?:q|quats?|quaternions?|orientations?|rotations?|rot)_?([xyzw])"
+    r"(.*?)_?(?:q|quats?|quaternions?|orientations?|rotations?|rot)(?:_[a-z]{1,3})?_?"
+    r"([xyzw])"
 )
 JOINT = re.compile(
-    r"(?:(.*)_)?(?:joints?|q|j|a)[_.]?(\d)(?:[_.]pos(?:ition)?)?", re.IGNORECASE
+    r"(?:(.*)_)?(?:joints?(?:_(?:pos(?:itions?)?|angles?|states?))?|qpos|q|j|a)"
+    r"[_.]?(\d)(?:[_.]pos(?:ition)?)?",
+    re.IGNORECASE,
 )
 """Name of a joint's angle: a prefix, if any, and the joint's number."""
 # Numbers of the joints of an arm, which begin with 1 or 0.
@@ -65,17 +69,18 @@ NO_MEASURED_ANGLES = re.compile(
 )
 """Words before the numbers of joints in the names of other values than measured angles."""
 _FORCE = re.compile(r"(.*?)_?(?:f|force)_?([xyz])")
-_NO_POSITION = re.compile(
+NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|vel|acc|gyro|mag|angular"
-    r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau)$"
+    r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau|ori)$|^(q|v|a|w|b)_"
 )
+"""Words in the names of axes that are no position."""
 _COUNTER = re.compile(
     r"|unnamed_0|(.*_)?(index|idx|seq|frame|frame_number|sample|count|counter|row|no|id|i|n)"
 )
 _UNITS = (
     (
         re.compile(
-            r"(.*_)?(joint|theta|q|qpos|(?<!wrist_)(?<!forearm_)(angle|roll|pitch|yaw)|r[xyz])"
+            r"(.*_)?(joints?(_angles?|_states?|_positions)?|theta|q|qpos|(?<!wrist_)(?<!forearm_)(angle|roll|pitch|yaw)|r[xyz])"
             r"_?\d*(_pos(ition)?)?"
         ),
         "rad",
@@ -96,11 +101,12 @@ _WIDEST = 5.0
 class _Column(NamedTuple):
     """A column of a table, with its number from 0.
 
-    `key` is its name in lower case, words joined by underscores, without a unit at its
+    `place` is its number in the file, from 1; 0 for a computed one. `key` is its name in lower case, words joined by underscores, without a unit at its
     end, which is the `suffix`. `header_unit` is the unit of its header.
     """
 
     number: int
+    place: int
     name: str
     key: str
     suffix: str
@@ -116,7 +122,7 @@ class _Column(NamedTuple):
     def source(self) -> str:
         """Name or number of the column for the option `--columns`."""
         is_safe = self.name and not set(self.name) & set(",=[(")
-        return self.name if is_safe else str(self.number + 1)
+        return self.name if is_safe else str(self.place)
 
     @property
     def is_increasing(self) -> bool:
@@ -159,11 +165,13 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         units += group.units
         values = np.hstack([values, group.values])
         remarks += [group.remark] if group.remark else []
+    numbers = (*table.numbers, *[0] * (len(names) - len(table.numbers)))
     columns = [
-        _Column(i, name, *suffixed_unit(_key(name)), unit, values[:, i])
+        _Column(i, numbers[i], name, *suffixed_unit(_key(name)), unit, values[:, i])
         for i, (name, unit) in enumerate(zip(names, units, strict=True))
     ]
-    stamp, time_columns = _time(columns, options, remarks)
+    listed = shown_columns(tuple(names), numbers)
+    stamp, time_columns = _time(columns, options, listed, remarks)
     unread = group_sources | time_columns
     others = [c for c in columns if c.number not in unread and not c.is_counter]
     if empty := [c for c in others if np.all(np.isnan(c.values))]:
@@ -174,16 +182,14 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         for column, label in zip(others, _labels(others), strict=True):
             names[column.number] = label
         channels = {
-            channel: columns[options.column(channel, tuple(names))]
+            channel: columns[options.column(channel, tuple(names), numbers)]
             for channel in options.columns
             if channel != "time"
         }
     else:
-        channels = _channels(others, tuple(names), remarks)
+        channels = _channels(others, listed, remarks)
     if not channels:
-        raise SkillFileError(
-            f"there is a time column but no channel; {shown_columns(tuple(names))}."
-        )
+        raise SkillFileError(f"there is a time column but no channel; {listed}.")
     values = np.column_stack([c.values for c in channels.values()])
     rows = np.flatnonzero(~np.all(np.isnan(values), axis=1))
     if len(rows) == 0:
@@ -286,8 +292,9 @@ def _to_standard_units(
 
 
 def _key(name: str) -> str:
-    """Return a name in lower case, its words joined by underscores."""
-    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    """Return a name in lower case, its words joined by underscores: `X Position`, `pos_x`."""
+    words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+    return _AXIS_FIRST.sub(r"\1pos_\2", words)
 
 
 def _labels(columns: Sequence[_Column]) -> tuple[str, ...]:
@@ -298,7 +305,10 @@ def _labels(columns: Sequence[_Column]) -> tuple[str, ...]:
 
 
 def _time(
-    columns: Sequence[_Column], options: ReadingOptions, remarks: list[str]
+    columns: Sequence[_Column],
+    options: ReadingOptions,
+    listed: str,
+    remarks: list[str],
 ) -> tuple[tuple[Array, str] | None, set[int]]:
     """Return the times with their unit, and the indices of all columns of times."""
     candidates = [
@@ -314,7 +324,8 @@ def _time(
     if options.sample_rate is not None:
         return None, indices
     if "time" in options.columns:
-        column = columns[options.column("time", tuple(c.name for c in columns))]
+        names, numbers = zip(*((c.name, c.place) for c in columns), strict=True)
+        column = columns[options.column("time", names, numbers)]
         header_unit = options.source("time")[1] or column.unit
         return (column.values, header_unit), {*indices, column.number}
     if parts:
@@ -328,9 +339,9 @@ def _time(
         unnamed = [c for c in columns if not c.key][:1]
         candidates = [c for c in unnamed if c.is_increasing and not c.is_counter]
         if not candidates:
-            raise SkillFileError(_missing_time(columns, remarks))
+            raise SkillFileError(_missing_time(columns, listed, remarks))
         remarks.append(
-            f"column {candidates[0].number + 1}, which increases, is taken for the time"
+            f"column {candidates[0].place}, which increases, is taken for the time"
         )
     column = candidates[0]
     if len(candidates) > 1:
@@ -338,16 +349,17 @@ def _time(
     return (column.values, column.unit), {*indices, column.number}
 
 
-def _missing_time(columns: Sequence[_Column], remarks: Sequence[str]) -> str:
+def _missing_time(
+    columns: Sequence[_Column], listed: str, remarks: Sequence[str]
+) -> str:
     """Return why there is no time, and what to do."""
-    names = tuple(column.name for column in columns)
     others = [remark for remark in remarks if remark.endswith("left out: not numeric")]
     beside = f" ({others[0]})" if others else ""
     clock = next((c for c in columns if c.is_increasing and not c.is_counter), None)
     option = columns_option({"time": clock.source}) if clock else ""
     advice = f", or the column: {option}" if option else ""
     return (
-        f"no column holds the time; {shown_columns(names)}"
+        f"no column holds the time; {listed}"
         f"{beside}. Give the sample rate in Hz, such as --sample-rate 100{advice}"
     )
 
@@ -365,7 +377,7 @@ def _stamp_parts(columns: Sequence[_Column]) -> list[_Column]:
 
 
 def _channels(
-    columns: Sequence[_Column], names: tuple[str, ...], remarks: list[str]
+    columns: Sequence[_Column], listed: str, remarks: list[str]
 ) -> dict[str, _Column]:
     """Return the column of each channel.
 
@@ -406,7 +418,7 @@ def _channels(
     channels = {labels[column.number]: column for column in columns}
     if len(channels) < len(columns):
         raise SkillFileError(
-            f"names of columns repeat: {shown_columns(names)}. "
+            f"names of columns repeat: {listed}. "
             "Choose by their numbers from 1, such as --columns time=1,x=2"
         )
     return channels
@@ -440,7 +452,7 @@ def _is_length(column: _Column) -> bool:
     """Return whether a column may be a coordinate of a position."""
     if column.unit:
         return column.unit in LENGTHS
-    return not _NO_POSITION.search(column.key[:-1].strip("_"))
+    return not NO_POSITION.search(column.key[:-1].strip("_"))
 
 
 def _groups(columns: Sequence[_Column], form: re.Pattern[str], axes: str) -> _Groups:

@@ -17,6 +17,7 @@ _QUATERNIONS = re.compile(r"(.*_)?(q|quats?|quaternions?|orientations?|rot|rotat
 _JOINTS = re.compile(r"(.*_)?(q|qpos|joints?|joint_positions?|theta|angles?)")
 # Force and torque. Universal Robots: a position and a rotation vector. ROS: joint states.
 _WRENCH = re.compile(r"(.*?)_?(force|wrench|ft|f_ext_hat_k)")
+_CARTESIAN = re.compile(r"(.*_)?(cart|cartesian|ee|eef|tcp|tool|flange|pose)_")
 _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
 _JOINT_STATE = re.compile(r"(.*)_position")
 _RATES_OF_JOINTS = ("velocity", "effort")
@@ -69,15 +70,17 @@ def column_groups(
             continue
         sources = [members[n] for n in numbers]
         stem = prefix.removesuffix("position")
-        if stem != prefix and count > 3:
+        if stem != prefix and count > 3 and not _CARTESIAN.fullmatch(stem):
             yield _numbered_joints(table, stem, numbered, values)
             continue
         recognised = _recognise(prefix, values[:, sources], options)
         if recognised is not None:
             labels, units, poses, lacks_order = recognised
             first = sources[count - 4]
-            origin = table.names[first] or f"column {first + 1}"
+            origin = table.names[first] or f"column {table.numbers[first]}"
             kind = "a force and a torque" if "N" in units else "a pose"
+            if len(labels) < 4 < count:
+                kind = "a position, and angles that are not read"
             span = f"{table.names[sources[0]]} to {table.names[sources[-1]]}"
             remark = f"{span} are {kind}" if count > 4 else ""
             if lacks_order:
@@ -158,6 +161,9 @@ def _recognise(
     if count == 6 and (match := _WRENCH.fullmatch(prefix)):
         names = [f"{match[1]}_{k}_{a}" for k in ("force", "torque") for a in "xyz"]
         return names, ["N"] * 3 + ["Nm"] * 3, values, False
+    if count == 6 and _CARTESIAN.fullmatch(prefix.removesuffix("position")):
+        # Angles of an unknown convention.
+        return pose[:3], [""] * 3, values[:, :3], False
     if count == 6 and _TCP_POSE.fullmatch(prefix):
         quaternions = Rotation.from_rotvec(np.nan_to_num(values[:, 3:])).as_quat()
         return pose, units, np.hstack([values[:, :3], quaternions]), False

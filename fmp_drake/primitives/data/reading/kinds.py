@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fmp_drake.errors import FmpError, SkillFileError
-from fmp_drake.primitives.data.reading import arrays, bags, text
+from fmp_drake.primitives.data.reading import arrays, bags, datasets, text
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
     ReadingOptions,
@@ -44,7 +44,7 @@ def read_tables(path: Path, options: ReadingOptions) -> list[Table]:
 
 def _reader_of_folder(path: Path) -> _Reader:
     if (path / "meta" / "info.json").is_file():
-        return arrays.read_lerobot
+        return datasets.read_lerobot
     if (path / "metadata.yaml").is_file():
         return bags.read_bag
     raise SkillFileError(
@@ -135,8 +135,9 @@ _FIRST_BYTES: dict[bytes, _Reader] = {
     b"#ROSBAG V2.0": bags.read_bag,
     b"\x89MCAP0": bags.read_bag,
     b"SQLite format 3": bags.read_bag,
-    b"\x89HDF": arrays.read_hdf5,
+    b"\x89HDF": datasets.read_hdf5,
     b"MATLAB 5": arrays.read_matlab,
+    b"MATLAB 7.3": datasets.read_hdf5,
     b"\x1f\x8b": _read_packed,
     b"Format Version,": text.read_optitrack,
 }

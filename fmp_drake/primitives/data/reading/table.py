@@ -22,14 +22,15 @@ TIMES = {
     **dict.fromkeys(("ms", "msec", "milliseconds"), 1e-3),
     **dict.fromkeys(("us", "µs", "usec", "microseconds"), 1e-6),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), 1e-9),
+    "100 ns": 1e-7,
 }
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 ANGLES = {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180}
 # Symbols of units that headers spell out.
 _SYMBOLS = {
-    **dict.fromkeys(("meters", "metres"), "m"),
-    **dict.fromkeys(("centimeters", "centimetres"), "cm"),
-    **dict.fromkeys(("millimeters", "millimetres"), "mm"),
+    **dict.fromkeys(("meters", "metres", "meter", "metre"), "m"),
+    **dict.fromkeys(("centimeters", "centimetres", "centimeter", "centimetre"), "cm"),
+    **dict.fromkeys(("millimeters", "millimetres", "millimeter", "millimetre"), "mm"),
     **dict.fromkeys(("inches", "inch"), "in"),
     **dict.fromkeys(("radians", "radian"), "rad"),
     **dict.fromkeys(("degrees", "degree"), "deg"),
@@ -51,6 +52,8 @@ class Table:
         NaN in empty cells.
     units : tuple of str
         Units of the columns; "" where unknown. Those of the last columns may be missing.
+    numbers : tuple of int
+        Numbers of the columns in the file, from 1, where not all of them were read.
     remarks : tuple of str
         Remarks on recognised and omitted parts.
     frame : str
@@ -69,15 +72,18 @@ class Table:
     names: tuple[str, ...] = ()
     values: Array = field(default_factory=lambda: np.empty((0, 0)))
     units: tuple[str, ...] = ()
+    numbers: tuple[int, ...] = ()
     remarks: tuple[str, ...] = ()
     frame: str = ""
     words: Mapping[str, str] = field(default_factory=dict)
     saved: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
-        """Set the missing units to unknown."""
+        """Set the missing units to unknown, and count the columns."""
         missing = ("",) * (len(self.names) - len(self.units))
         object.__setattr__(self, "units", self.units + missing)
+        if not self.numbers:
+            object.__setattr__(self, "numbers", tuple(range(1, len(self.names) + 1)))
 
 
 def check_size(path: object, size: float, most: float = MOST_BYTES) -> None:
@@ -174,7 +180,7 @@ class ReadingOptions:
     sample_rate : float, optional
         Samples per second (Hz), instead of a time column.
     topic : str
-        Topic of a bag, or feature of a dataset (`action`).
+        Topic of a bag, feature of a dataset (`action`), or sensor in a table of several.
     quaternions : {"xyzw", "wxyz"}
         Order of the four numbers of an array whose file does not name them. It cannot
         be inferred: either order gives unit quaternions with equal angles between
@@ -235,17 +241,20 @@ class ReadingOptions:
         """Return the name or number of a channel's column, and its unit or ""."""
         return named_unit(self.columns[channel])
 
-    def column(self, channel: str, names: tuple[str, ...]) -> int:
-        """Return the index of a channel's column."""
+    def column(
+        self, channel: str, names: tuple[str, ...], numbers: tuple[int, ...]
+    ) -> int:
+        """Return the index of a channel's column, among names and numbers in the file."""
         source, _ = self.source(channel)
         lower = [name.lower() for name in names]
         for name, candidates in ((source, list(names)), (source.lower(), lower)):
             if name in candidates:
                 return candidates.index(name)
-        if re.fullmatch(r"\d+", source) and 1 <= int(source) <= len(names):
-            return int(source) - 1
+        if re.fullmatch(r"[1-9]\d*", source) and int(source) in numbers:
+            return numbers.index(int(source))
         raise SkillFileError(
-            f"there is no column {source!r} for {channel}; {shown_columns(names)}."
+            f"there is no column {source!r} for {channel}; "
+            f"{shown_columns(names, numbers)}."
         )
 
 
@@ -255,10 +264,13 @@ def columns_option(sources: Mapping[str, str]) -> str:
     return f"--columns {shlex.quote(pairs)}"
 
 
-def shown_columns(names: tuple[str, ...]) -> str:
-    """Return the names of columns, for errors."""
+def shown_columns(names: tuple[str, ...], numbers: tuple[int, ...]) -> str:
+    """Return the names of columns, or their numbers in the file, for errors."""
     if not any(names):
         return f"the {len(names)} columns have no names; give their numbers from 1"
-    labels = [name or f"(column {i})" for i, name in enumerate(names, 1)]
+    labels = [
+        name or f"(column {number})"
+        for name, number in zip(names, numbers, strict=True)
+    ]
     more = f" and {len(labels) - 20} more" if len(labels) > 20 else ""
     return f"the columns are {', '.join(labels[:20])}{more}"

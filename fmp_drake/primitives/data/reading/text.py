@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from fmp_drake.errors import SkillFileError
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
     ReadingOptions,
@@ -20,6 +20,7 @@ from fmp_drake.primitives.data.reading.table import (
     check_size,
     count_text,
     named_unit,
+    topic_choice,
     unit_symbol,
 )
 
@@ -45,13 +46,21 @@ _UNIT = re.compile(r"[\[(]?(|[numkcd]?s|[munc]?m|m?rad|deg|°|N|N/?m|-|m/s|rad/s
 # Sections of a Vicon file, the best first.
 _SECTIONS = ("Objects", "Segments", "Trajectories", "Model Outputs", "Joints")
 _RIGID = ("Rigid Body", "Bone")
+# Columns of numbers that tell one sensor from another, and the most of them.
+_SOURCE = re.compile(
+    r"(.*_)?(device|sensor|source|marker|body|hand|controller|tracker|object|serial)"
+    r"(_?id|_?index|_?no|_?number)?",
+    re.IGNORECASE,
+)
+_MOST_SOURCES = 20
 
 
-def read_text(path: Path, _options: ReadingOptions) -> list[Table]:
+def read_text(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the columns of a table in a text file.
 
     Comments and other lines before the numbers are skipped. The last of them is the
-    header where it has as many cells. Columns that are not numeric are left out.
+    header where it has as many cells. Columns that are not numeric are left out. Of rows
+    of several sensors in turn those that the option `topic` names are read.
 
     Raises
     ------
@@ -62,7 +71,10 @@ def read_text(path: Path, _options: ReadingOptions) -> list[Table]:
     # A file that was not written to its end stops within a line.
     return [
         table_of_lines(
-            path, text.splitlines(), may_be_incomplete=text[-1:] not in "\r\n"
+            path,
+            text.splitlines(),
+            topic=options.topic,
+            may_be_incomplete=text[-1:] not in "\r\n",
         )
     ]
 
@@ -73,7 +85,7 @@ def read_lines(path: Path) -> list[str]:
 
 
 def table_of_lines(
-    path: Path, lines: list[str], *, may_be_incomplete: bool = False
+    path: Path, lines: list[str], *, topic: str = "", may_be_incomplete: bool = False
 ) -> Table:
     """Return the table in the lines of a file; see `read_text`."""
     if not any(map(str.strip, lines)):
@@ -96,6 +108,7 @@ def table_of_lines(
     numbers, remarks = array("d"), []
     has_commas = False
     broken: list[tuple[int, str]] = []
+    words: dict[int, list[str]] = {i: [] for i in not_numeric}
     for number, line in enumerate(lines[start:], start + 1):
         if not line.strip() or _COMMENT.match(line):
             continue
@@ -112,6 +125,8 @@ def table_of_lines(
             broken.append((number, f"{cells[i]!r} in the column {header[i] or i + 1}"))
         else:
             numbers.extend(x for x in row if x is not None)
+            for i in not_numeric:
+                words[i].append(cells[i])
             has_commas = has_commas or (delimiter != "," and "," in line)
     if broken:
         remarks.append(_without_broken(path, broken, len(numbers) // width))
@@ -119,6 +134,17 @@ def table_of_lines(
     unused = {
         i for i in range(width) if not header[i] and np.all(np.isnan(values[:, i]))
     }
+    sources = words | {
+        i: [f"{value:g}" for value in values[:, i]]
+        for i, name in enumerate(header)
+        if i not in words and _SOURCE.fullmatch(name)
+    }
+    for i, labels in sources.items():
+        if (rows := _rows_of_one(path, header[i], labels, topic)) is not None:
+            values = values[rows]
+            unused.add(i)
+            remarks.append(f"only rows with {topic} as {header[i]}")
+            break
     columns = [i for i in range(width) if i not in unused.union(not_numeric)]
     if delimiter != "," or has_commas:
         remarks.append(
@@ -131,10 +157,27 @@ def table_of_lines(
     return Table(
         names=tuple(header[i] for i in columns),
         units=tuple(units[i] for i in columns),
+        numbers=tuple(i + 1 for i in columns),
         values=values[:, columns],
         remarks=tuple(remarks),
         words={header[i]: first[i] for i in not_numeric},
     )
+
+
+def _rows_of_one(
+    path: Path, name: str, labels: Sequence[str], topic: str
+) -> Mask | None:
+    """Return a mask of the rows with one label, or None where labels do not alternate."""
+    column = np.array(labels)
+    kinds = list(dict.fromkeys(labels))
+    if not 2 <= len(kinds) <= _MOST_SOURCES or np.mean(column[1:] != column[:-1]) < 0.5:
+        return None
+    if topic not in kinds:
+        raise SkillFileError(
+            f"{path}: {name or 'a column'} alternates: its rows are of several things; "
+            f"{topic_choice(kinds)}"
+        )
+    return np.asarray(column == topic)
 
 
 def _without_lists(lines: list[str]) -> list[str]:
@@ -189,26 +232,33 @@ def _decoded(path: Path) -> str:
 def _first_row(path: Path, lines: list[str]) -> tuple[int, str]:
     """Return the index of the first line of numbers, and the delimiter."""
     content = [i for i, line in enumerate(lines) if line.strip()]
-    for i, after in zip(content, [*content[1:], None], strict=True):
+    for n, i in enumerate(content):
         if i > content[0] + _LONGEST_PREAMBLE:
             break
         if _COMMENT.match(lines[i]):
             continue
         most, best = 0.5, ""
         for delimiter in _DELIMITERS:
-            if delimiter.strip() and delimiter not in lines[i]:
+            if delimiter != " " and delimiter not in lines[i]:
                 continue
             cells = [cell for cell in split_cells(lines[i], delimiter) if cell]
             count = sum(number_in(cell) is not None for cell in cells)
             fraction = count / max(1, len(cells))
             if fraction > most:
                 most, best = fraction, delimiter
-        # A single number before rows of another length belongs to the preamble.
-        is_alone = after is not None and len(
-            split_cells(lines[after], best or " ")
-        ) != len(split_cells(lines[i], best or " "))
-        if best and not (is_alone and len(split_cells(lines[i], best)) == 1):
+        # Numbers before rows of another length belong to the preamble.
+        following = content[n + 1 : n + 3]
+        width = len(split_cells(lines[i], best)) if best else 0
+        if best and (
+            not following
+            or any(len(split_cells(lines[k], best)) == width for k in following)
+        ):
             return i, best
+    if any(line.startswith(("---", "header:")) for line in lines[:_LONGEST_PREAMBLE]):
+        raise SkillFileError(
+            f"{path} is what `rostopic echo` prints; name the bag, or print a table: "
+            "rostopic echo -p TOPIC > table.csv"
+        )
     raise SkillFileError(
         f"{path} has no line of numbers among its first {_LONGEST_PREAMBLE}; expected a "
         "table with a header such as `time,x,y,z`, as this writes: "
@@ -286,6 +336,8 @@ def _header(
             below = [unit[1] if unit else "" for unit in units]
             rows.pop()
     names = rows[-1]
+    while len(names) > width and not names[-1]:
+        names = names[:-1]
     if len(names) == width - 1 and not first[-1]:  # Rows end with a delimiter ...
         names = [*names, ""]
     elif len(names) == width - 1 and first[0].isdigit():  # ... or are numbered.
@@ -295,8 +347,8 @@ def _header(
             return [""] * width, [""] * width
         raise SkillFileError(
             f"{path}: line {len(before) + 1} has {width} cells; the header has "
-            f"{len(names)}. Delete one of them: sed -i.orig {len(before) + 1}d "
-            f"{shlex.quote(str(path))}"
+            f"{len(names)}. Correct the header, or delete it and name the columns by their "
+            "numbers, such as --columns time=1,x=2,y=3,z=4."
         )
     split = [named_unit(name) for name in names]
     return (
@@ -350,6 +402,7 @@ def read_optitrack(path: Path, _options: ReadingOptions) -> list[Table]:
     table = Table(
         names=("time", *(f"{bodies[i]} {kinds[i]} {axes[i]}" for i in columns)),
         units=("s", *(units[kinds[i]] for i in columns)),
+        numbers=(2, *(i + 1 for i in columns)),
         values=_numbers(path, rows[head + 1 :], [1, *columns], head + 2),
         remarks=(remark,),
     )
@@ -395,6 +448,7 @@ def read_vicon(path: Path, _options: ReadingOptions) -> list[Table]:
     table = Table(
         names=("time", *(_vicon_name(subjects[i], axes[i]) for i in columns)),
         units=("s", *(units[i] if i < len(units) else "" for i in columns)),
+        numbers=(2, *(i + 1 for i in columns)),
         values=values[:, 1:],
         remarks=(f"Vicon, {title} at {rate:g} Hz",),
     )

@@ -25,6 +25,8 @@ _STEPS_PER_PERIOD = 24
 # Standard deviations of position and velocity from the cycle, relative to their own: those
 # that are assumed at first, and the least ones.
 _FIRST_DEVIATIONS, _LEAST_DEVIATIONS = (0.2, 0.3), (0.07, 0.15)
+# Least variance of a cycle, which is 0 where nothing moves.
+_LEAST_VARIANCE = 1e-18
 # Cost of a sample beside the cycle: the squared number of standard deviations that is equally
 # unlikely. It is less below a speed, relative to that of the cycle, and 0 at rest. A change of
 # the label costs as much as a number of periods beside the cycle.
@@ -142,7 +144,10 @@ class _Segmenter(NamedTuple):
         cycle = Cycle.fit([angles], [points], harmonics=harmonics)
         nodes = _cycle_states(cycle, angles, step * velocity)
         errors = [
-            np.sqrt(np.mean(np.sum((x - n) ** 2, axis=1)) / n.var(axis=0).sum())
+            np.sqrt(
+                np.mean(np.sum((x - n) ** 2, axis=1))
+                / max(n.var(axis=0).sum(), _LEAST_VARIANCE)
+            )
             for x, n in zip((points, rates), nodes, strict=True)
         ]
         return cls(cycle, np.clip(errors, _LEAST_DEVIATIONS, _FIRST_DEVIATIONS), period)
@@ -159,9 +164,10 @@ class _Segmenter(NamedTuple):
         nodes = np.hstack(_cycle_states(self.cycle, grid, step * velocity))
         d = nodes.shape[1] // 2
         variances = nodes.var(axis=0).reshape(2, d).sum(axis=1)
+        variances = np.maximum(variances, _LEAST_VARIANCE)
         scales = np.repeat(self.deviations * np.sqrt(variances), d)
         directions = [nodes / scales, nodes[::-1] * np.repeat([1, -1], d) / scales]
-        mean_square = np.mean(np.sum(nodes[:, d:] ** 2, axis=1))
+        mean_square = max(np.mean(np.sum(nodes[:, d:] ** 2, axis=1)), _LEAST_VARIANCE)
         labels, phases, total = [], [], 0.0
         for v, tempo in zip(values, tempos, strict=True):
             states = np.hstack(_states(v, velocity * tempo[:, None], step))
