@@ -17,6 +17,8 @@ from fmp_drake.station.robots.robot import DEFAULT_ROBOT, ListRobots, MakeRobotM
 from fmp_drake.station.scenario_parts import EraserConfig
 
 _MARGIN = 0.05  # rad
+# Words before the name of a joint that do not tell one arm from another.
+_OF_A_ROBOT = re.compile(r"^((robot\d*|arm|observation|obs|state|measured)[_./])+")
 
 
 def RobotJoints(
@@ -52,7 +54,7 @@ def RobotJoints(
     )
     for channel in demonstration.channels:
         known = [n for n in config.joint_names if f"_{channel}".endswith(f"_{n}")]
-        match = JOINT.fullmatch(channel)
+        match = JOINT.fullmatch(_OF_A_ROBOT.sub("", channel))
         if known:
             arm = arms.setdefault(channel.removesuffix(known[0]), {})
             arm[config.joint_names.index(known[0]) + 1] = channel

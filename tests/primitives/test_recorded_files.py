@@ -454,7 +454,7 @@ def test_a_path_too_wide_in_metres_has_a_remark(
     assert any("m wide" in remark for remark in remarks) == is_questioned
     (right,), _ = read_demonstrations([path], ReadingOptions(unit="mm"))
     if is_questioned:
-        assert "add --unit mm" in remarks[0]
+        assert "such as --unit mm" in remarks[0]
         np.testing.assert_allclose(right.values, files.PATH, atol=1e-6)
 
 

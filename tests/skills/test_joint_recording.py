@@ -66,6 +66,9 @@ def test_path_is_that_of_the_published_kinematics():
         ("joint_{}", 0),
         ("q{}", 1),
         ("joint_{}.pos", 0),
+        ("joint_positions_{}", 1),
+        ("robot0_joint_pos_{}", 1),
+        ("observation.qpos_{}", 1),
     ],
 )
 def test_joints_are_known_by_their_names(name, first):

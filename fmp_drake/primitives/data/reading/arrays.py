@@ -39,6 +39,8 @@ METADATA = ("channels", "units", "frame", "note", "rotation_reference")
 """Fields of a demonstration in the metadata of a saved file."""
 _RATES = ("fps", "rate", "sample_rate", "frequency", "control_freq", "dt")
 _JSON_LINE = '{"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}'
+# Most omitted arrays that a remark lists.
+_MOST_LISTED = 10
 # Fewest samples of one of several recordings in a file.
 _FEWEST = 20
 
@@ -215,6 +217,8 @@ def table_of(
             f"{name}_{axis}" if name and array.ndim == 2 else name for axis in axes
         ]
         parts.append(columns)
+    if (more := len(omissions) - _MOST_LISTED) > 0:
+        omissions = [*omissions[:_MOST_LISTED], f"{more} more"]
     if not parts or count == 0:
         raise SkillFileError(
             f"{path} holds {', '.join(omissions) or 'nothing'}; expected arrays of numbers, "

@@ -228,7 +228,8 @@ def _complete_rows(
         others = {
             name: c.source for name, c in channels.items() if name not in incomplete
         }
-        choice = choice or f"leave them out: {columns_option(others)}"
+        advice = f"leave them out: {columns_option(others)}"
+        choice = choice or (advice if others else "are there several recordings in it?")
         raise DemonstrationError(
             f"{count} of {len(values)} samples have no value of {', '.join(incomplete)}; "
             f"{choice}"
@@ -275,8 +276,8 @@ def _to_standard_units(
     metres = [i for i in metres if sources[i] == "m" and not stated_units[i]]
     if (width := float(np.ptp(values[:, metres], axis=0).max(initial=0))) > _WIDEST:
         remarks.append(
-            f"the path is {width:.0f} m wide, if the file is in metres; if it is in "
-            "millimetres, add --unit mm"
+            f"the path is {width:.0f} m wide, if the file is in metres; give another unit, "
+            "such as --unit mm"
         )
     factors, units = zip(*map(standard_unit, sources), strict=True)
     values *= factors

@@ -159,7 +159,8 @@ def _recognise(
     if count == 4 and _QUATERNIONS.fullmatch(prefix) and _is_unit(values, error):
         return [f"{stem}{q}" for q in _POSE[3:]], [""] * 4, values[:, order], True
     if count == 6 and (match := _WRENCH.fullmatch(prefix)):
-        names = [f"{match[1]}_{k}_{a}" for k in ("force", "torque") for a in "xyz"]
+        stem = f"{match[1]}_" if match[1] else ""
+        names = [f"{stem}{k}_{a}" for k in ("force", "torque") for a in "xyz"]
         return names, ["N"] * 3 + ["Nm"] * 3, values, False
     if count == 6 and _CARTESIAN.fullmatch(prefix.removesuffix("position")):
         # Angles of an unknown convention.
