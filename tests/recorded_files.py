@@ -85,6 +85,91 @@ def pandas_dates(folder):
     return write(folder, lines(dates, *PATH.T, header="datetime,x,y,z"))
 
 
+def header_of_savetxt(folder):
+    """Commas in the header, in another order of the axes, and spaces in the rows."""
+    columns = lines(TIME, *PATH.T[::-1], delimiter=" ", header="# t,z,y,x")
+    return write(folder, columns, "d.txt", columns="x=x,y=y,z=z")
+
+
+def end_effector(folder):
+    return write(folder, xyz(header="time,eef_x,eef_y,eef_z"))
+
+
+def words_that_begin_later(folder):
+    states = ["", *["0"] * 19, *["wiping"] * (len(TIME) - 20)]
+    return write(folder, lines(TIME, states, *PATH.T, header="time,state,x,y,z"))
+
+
+def two_topics_in_a_table(folder):
+    """As of PlotJuggler: joints and positions in different rows."""
+    names = [f"/joint_states/panda_joint{i}/position" for i in range(1, 8)]
+    names += [f"/pose/position/{axis}" for axis in "xyz"]
+    rows = [",".join(["__time", *names])]
+    for t, q, p in zip(TIME.tolist(), JOINTS.tolist(), PATH.tolist(), strict=True):
+        rows.append(",".join(map(repr, [t + 0.004, *q])) + ",,,")
+        rows.append(f"{t!r},,,,,,,," + ",".join(map(repr, p)))
+    return write(folder, "\n".join(rows))
+
+
+def position_of_two_topics(folder):
+    sources = ",".join(f"{axis}=/pose/position/{axis}" for axis in "xyz")
+    return two_topics_in_a_table(folder)._replace(options={"columns": sources})
+
+
+def stamps_without_names(folder):
+    """As of `ros2 topic echo --csv`."""
+    whole, rest = STAMPS // 10**9, STAMPS % 10**9
+    frame = ["base"] * len(TIME)
+    return write(folder, lines(whole, rest, frame, *PATH.T), columns="x=4,y=5,z=6")
+
+
+def stamps_beside_the_time(folder):
+    columns = lines(
+        TIME, STAMPS // 10**9, STAMPS % 10**9, *PATH.T, header="time,sa,sb,x,y,z"
+    )
+    return write(folder, columns)
+
+
+def compact_dates(folder):
+    dates = [
+        (datetime(2024, 5, 1, 11, 59, 57) + timedelta(seconds=t)).strftime(
+            "%Y%m%d_%H%M%S.%f"
+        )
+        for t in TIME.tolist()
+    ]
+    return write(folder, lines(dates, *PATH.T, header="time,x,y,z"))
+
+
+def vectors_over_several_lines(folder):
+    """As pandas writes NumPy arrays."""
+    rows = [
+        f'{t!r},"[ {x!r}  {y!r}\n  {z!r}]"'
+        for t, (x, y, z) in zip(TIME.tolist(), PATH.tolist(), strict=True)
+    ]
+    return write(folder, "\n".join(["time,position", *rows]))
+
+
+def lists_between_semicolons(folder):
+    rows = [f"{t!r};{p}" for t, p in zip(TIME.tolist(), PATH.tolist(), strict=True)]
+    return write(folder, "\n".join(["time;position", *rows]))
+
+
+def number_after_a_list(folder):
+    rows = [
+        f'{t!r},"{q}",{x!r},{y!r},{z!r}'
+        for t, q, (x, y, z) in zip(
+            TIME.tolist(), JOINTS.tolist(), PATH.tolist(), strict=True
+        )
+    ]
+    columns = "\n".join(["time,joints,a,b,c", *rows])
+    return write(folder, columns, columns="x=3,y=4,z=5")
+
+
+def yaml_of_joints(folder):
+    rows = "".join(f"- {t!r}\n- {t!r}\n- {t!r}\n" for t in TIME.tolist())
+    return write(folder, rows, "d.yml")
+
+
 def axis_before_the_word(folder):
     return write(folder, xyz(header="time,xPos,Y Position (m),z-axis"))
 
@@ -1067,6 +1152,25 @@ def json_with_gaps(folder):
     position[0], position[9], position[10] = None, None, []
     rows = [{"t": t, "position": p} for t, p in zip(TIME, position, strict=True)]
     return write(folder, json.dumps(rows), "d.json")
+
+
+def json_beside_a_list(folder):
+    rows = [{"pose": {"position": p}} for p in PATH.tolist()]
+    content = {"poses": rows, "timestamps": TIME.tolist(), "events": [{"id": 3}]}
+    return write(folder, json.dumps(content), "d.json")
+
+
+def json_with_a_rate(folder):
+    content = {"fps": RATE, "frames": [{"xyz": p} for p in PATH.tolist()]}
+    return write(folder, json.dumps(content), "d.json")
+
+
+def json_of_pandas(folder):
+    content = {
+        name: {str(i): value for i, value in enumerate(column)}
+        for name, column in zip("txyz", [TIME.tolist(), *PATH.T.tolist()], strict=True)
+    }
+    return write(folder, json.dumps(content), "d.json")
 
 
 def json_lines(folder):

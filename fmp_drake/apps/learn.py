@@ -20,7 +20,7 @@ from fmp_drake.apps.page import make_console, print_next
 from fmp_drake.plots import plot_skill
 from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives import FourierMovementPrimitive, save_skill
-from fmp_drake.primitives.data.channels import ROTATION_CHANNELS
+from fmp_drake.primitives.data.channels import POSITION_CHANNELS, ROTATION_CHANNELS
 from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.skills import learn_skill
@@ -130,7 +130,7 @@ def learn(
         write_text(skill.board, text)
         console.print(f"wrote {skill.board}")
         print_next(console, "wipe", "--scenario", str(skill.board))
-    elif not skill.as_recorded:
+    elif not skill.as_recorded and {*POSITION_CHANNELS} <= {*learned.channels_}:
         # Poses that are not relative to a surface are played in free space.
         has_poses = ROTATION_CHANNELS[0] in learned.channels_
         in_free_space = has_poses and "orientation" not in learning.extra

@@ -17,7 +17,8 @@ from fmp_drake.station.robots.robot import DEFAULT_ROBOT, ListRobots, MakeRobotM
 from fmp_drake.station.scenario_parts import EraserConfig
 
 _MARGIN = 0.05  # rad
-# Words before the name of a joint that do not tell one arm from another.
+# Words behind and before the name of a joint that do not tell one arm from another.
+_ANGLE = re.compile(r"[_./ ]?(pos(itions?)?|angles?)$")
 _OF_A_ROBOT = re.compile(r"^((robot\d*|arm|observation|obs|state|measured)[_./])+")
 
 
@@ -53,10 +54,11 @@ def RobotJoints(
         [] if own else [p for r in ListRobots() for p in LoadRobot(r).joint_prefixes]
     )
     for channel in demonstration.channels:
-        known = [n for n in config.joint_names if f"_{channel}".endswith(f"_{n}")]
-        match = JOINT.fullmatch(_OF_A_ROBOT.sub("", channel))
+        bare = _ANGLE.sub("", channel)
+        known = [n for n in config.joint_names if f"_{bare}".endswith(f"_{n}")]
+        match = JOINT.fullmatch(_OF_A_ROBOT.sub("", bare))
         if known:
-            arm = arms.setdefault(channel.removesuffix(known[0]), {})
+            arm = arms.setdefault(bare.removesuffix(known[0]), {})
             arm[config.joint_names.index(known[0]) + 1] = channel
         elif match is None:
             continue

@@ -422,7 +422,7 @@ def test_csv_of_a_spreadsheet_may_start_with_a_byte_order_mark(tmp_path):
         ("time,x,y\n0,1,2\n0.1,1\n", r"1 of 2 rows broken \(line 3: 2 cells"),
         (
             "time,x,y\n0,1,2\n\n0.1,one,2\n",
-            r"1 of 2 rows broken \(line 4: 'one' in the column x\); delete them: sed ",
+            r"1 of 2 rows broken \(line 4: 'one' in x\); delete them: sed ",
         ),
         ("time,x\n" + FIVE, "line 2 has 3 cells; the header has 2"),
     ],

@@ -390,6 +390,12 @@ def test_alignment_does_not_depend_on_size_place_or_direction():
     assert ends == pytest.approx((best.start, best.end), abs=5)
 
 
+def test_samples_with_a_very_long_period_are_not_compared():
+    still = np.zeros((100_000, 2))
+    (mask,) = aligned_samples([still], 40_000.0)
+    assert np.all(mask)
+
+
 def test_a_recording_of_rest_has_no_rhythm_and_gives_no_warning():
     still = demonstration(np.tile([0.4, 0.1, 0.3], (400, 1)))
     with (

@@ -68,6 +68,9 @@ def test_path_is_that_of_the_published_kinematics():
         ("joint_{}.pos", 0),
         ("joint_positions_{}", 1),
         ("robot0_joint_pos_{}", 1),
+        ("state.q[{}]", 0),
+        ("joint{}_angle", 1),
+        ("panda_joint{}/position", 1),
         ("observation.qpos_{}", 1),
     ],
 )

@@ -204,6 +204,8 @@ def table_of(
         rate = rate_in({n.rsplit(".", 1)[-1]: array for n, array in arrays.items()})
         remarks += [f"at {rate:g} Hz, as the file says"] if rate else []
     for name, array in arrays.items():
+        if array.ndim == 0:  # A setting, or a name.
+            continue
         is_numbers = array.dtype.kind in "biufM"
         if array.ndim not in (1, 2) or len(array) != count or not is_numbers:
             omissions.append(f"{name or 'the array'} {array.shape} of {array.dtype}")
@@ -310,7 +312,7 @@ def read_json(path: Path, _options: ReadingOptions) -> list[Table]:
 def _json_content(path: Path, lines: list[str]) -> Any:
     """Return the content of a JSON file, or that of each line."""
     try:
-        return json.loads("\n".join(lines))
+        return json.loads("\n".join(lines), object_hook=_listed)
     except ValueError:
         content = []
         for number, line in enumerate(lines, 1):
@@ -324,33 +326,49 @@ def _json_content(path: Path, lines: list[str]) -> Any:
     return content
 
 
+def _listed(content: dict[str, Any]) -> Any:
+    """Return an object with the keys "0", "1" and so on, as by pandas, as a list."""
+    is_list = "0" in content and list(content) == [*map(str, range(len(content)))]
+    return list(content.values()) if is_list else content
+
+
 def _json_columns(path: Path, content: Any) -> dict[str, NDArray[Any]]:
     """Return the arrays of one recording in JSON."""
     if isinstance(content, dict) and list(content) == [""]:
         content = content[""]
-    if isinstance(content, dict):
-        lists = [value for value in content.values() if _is_objects(value)]
-        content = lists[0] if len(lists) == 1 else content
     if _is_objects(content):
-        rows = [dict(_flat(item)) for item in content]
-        columns = {}
-        for name in dict.fromkeys(name for row in rows for name in row):
-            found = [row.get(name) for row in rows]
-            shapes = {np.shape(value) for value in found if value not in (None, [])}
-            if len(shapes) == 1:
-                missing = np.full(shapes.pop(), np.nan)
-                columns[name] = np.array(
-                    [missing if value in (None, []) else value for value in found]
-                )
-    elif isinstance(content, dict):
-        columns = {name: np.asarray(value) for name, value in _flat(content)}
-    elif isinstance(content, list) and all(isinstance(row, list) for row in content):
-        columns = {"": np.asarray(content)}
-    else:
+        return _object_columns(content)
+    if isinstance(content, list) and all(isinstance(row, list) for row in content):
+        return {"": np.asarray(content)}
+    if not isinstance(content, dict):
         raise SkillFileError(
             f"{path} holds neither objects nor lists of numbers; write an object in each "
             f"line, such as {_JSON_LINE}."
         )
+    values = dict(_flat(content))
+    has_one = sum(map(_is_objects, values.values())) == 1
+    columns: dict[str, NDArray[Any]] = {}
+    for name, value in values.items():
+        if _is_objects(value):
+            stem = "" if has_one else f"{name}."
+            columns |= {f"{stem}{n}": a for n, a in _object_columns(value).items()}
+        else:
+            columns[name] = np.asarray(value)
+    return columns
+
+
+def _object_columns(objects: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
+    """Return the arrays over a list of objects, NaN where a value is missing."""
+    rows = [dict(_flat(item)) for item in objects]
+    columns = {}
+    for name in dict.fromkeys(name for row in rows for name in row):
+        found = [row.get(name) for row in rows]
+        shapes = {np.shape(value) for value in found if value not in (None, [])}
+        if len(shapes) == 1:
+            missing = np.full(shapes.pop(), np.nan)
+            columns[name] = np.array(
+                [missing if value in (None, []) else value for value in found]
+            )
     return columns
 
 

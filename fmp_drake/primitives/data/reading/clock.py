@@ -1,11 +1,31 @@
 """Times of the samples of a recording, in seconds and in order."""
 
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 
-from fmp_drake.errors import DemonstrationError
+from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.numeric import Array, Indices
-from fmp_drake.primitives.data.reading.table import TIMES, ReadingOptions, count_text
+from fmp_drake.primitives.data.reading.table import (
+    TIMES,
+    Column,
+    ReadingOptions,
+    column_key,
+    columns_option,
+    count_text,
+)
 
+# In order of preference: a sensor's stamp before the time of receipt.
+_TIMES = (
+    re.compile(r"(.*_)?(header_)?stamp"),
+    re.compile(
+        r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds)"
+        r"|zeit|zeitstempel|uhrzeit|datum"
+    ),
+)
+_NANOSECONDS = ("nsecs", "nsec", "nanosec")
 # Times of day of a recording, s: since 1970, from 2001 on, and ticks of 100 ns since the
 # year 1 or 1601.
 _EPOCHS = {
@@ -13,25 +33,116 @@ _EPOCHS = {
     "100 ns": (1.2e10, 7e10),
 }
 # Plausible sample intervals of a recorded movement, and longest one of a time of day, s.
-_INTERVALS, _LONGEST_INTERVAL = (4e-4, 0.5), 60.0
+_INTERVALS, _LONGEST_INTERVAL = (4e-4, 0.5), 1.0
 # Greatest fraction of samples whose time repeats with other values, and with any.
 _MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
 # Steps backwards in time, in sample intervals, up to which samples are put in order.
 _LARGEST_STEP_BACK = 3.0
 
 
+def time_column(
+    columns: Sequence[Column],
+    options: ReadingOptions,
+    listed: str,
+    remarks: list[str],
+) -> tuple[tuple[Array, str, str] | None, set[int]]:
+    """Return the times with unit and source, and the indices of all columns of times."""
+    candidates = [
+        column
+        for form in _TIMES
+        for column in columns
+        if form.fullmatch(column.key) and (not column.suffix or column.suffix in TIMES)
+    ]
+    with_unit = [c for c in columns if c.header_unit in TIMES and c.is_increasing]
+    candidates = candidates or with_unit
+    stamps = _stamps(columns)
+    indices = {column.number for column in (*candidates, *sum(stamps, ()))}
+    if options.sample_rate is not None:
+        return None, indices
+    if "time" in options.columns:
+        names, numbers = zip(*((c.name, c.place) for c in columns), strict=True)
+        column = columns[options.column("time", names, numbers)]
+        header_unit = options.source("time")[1] or column.unit
+        return (column.values, header_unit, column.source), {*indices, column.number}
+    if stamps:
+        whole, rest = (column.values for column in stamps[0])
+        remarks.append("the time is that of the stamps")
+        unit = 1e-9 if np.max(rest) >= 1e6 else 1e-6
+        return (whole - whole[0] + unit * rest, "s", ""), indices
+    # Stamps that were never set are constant.
+    changing = [c for c in candidates if np.any(c.values != c.values[0])]
+    candidates = changing or candidates
+    if not candidates:
+        unnamed = [c for c in columns if not c.key][:1]
+        candidates = [c for c in unnamed if c.is_increasing and not c.is_counter]
+        if not candidates:
+            raise SkillFileError(_missing_time(columns, listed, remarks))
+        remarks.append(
+            f"column {candidates[0].place}, which increases, is taken for the time"
+        )
+    column = candidates[0]
+    if len(candidates) > 1:
+        remarks.append(f"the time is {column.name}")
+    return (column.values, column.unit, column.source), {*indices, column.number}
+
+
+def _missing_time(
+    columns: Sequence[Column], listed: str, remarks: Sequence[str]
+) -> str:
+    """Return why there is no time, and what to do."""
+    others = [remark for remark in remarks if remark.endswith("left out: not numeric")]
+    beside = f" ({others[0]})" if others else ""
+    clock = next((c for c in columns if c.is_increasing and not c.is_counter), None)
+    option = columns_option({"time": clock.source}) if clock else ""
+    advice = f", or the column: {option}" if option else ""
+    return (
+        f"no column holds the time; {listed}"
+        f"{beside}. Give the sample rate in Hz, such as --sample-rate 100{advice}"
+    )
+
+
+def _stamps(columns: Sequence[Column]) -> list[tuple[Column, ...]]:
+    """Return pairs of columns of the seconds and nanoseconds, or microseconds, of stamps."""
+    named = {column_key(column.name): column for column in reversed(columns)}
+    stamps: list[tuple[Column, ...]] = []
+    for column in columns:
+        match = re.fullmatch(r"(.*_)?secs?", column_key(column.name))
+        names = [f"{match[1] or ''}{n}" for n in _NANOSECONDS] if match else []
+        stamps += [(column, named[name]) for name in names if name in named]
+    return stamps or [pair for pair in pairwise(columns) if _is_stamp(*pair)]
+
+
+def _is_stamp(seconds: Column, fraction: Column) -> bool:
+    """Return whether whole numbers count on where the others begin again, like a clock."""
+    values = np.column_stack([seconds.values, fraction.values])
+    if not np.all(values % 1 == 0) or np.min(values) < 0 or np.max(values[:, 1]) < 1e4:
+        return False
+    steps, rises = np.diff(values, axis=0).T
+    return bool(
+        np.all(steps >= 0)
+        and np.any(steps > 0)
+        and np.max(values[:, 1]) < 1e9
+        and np.all(rises[steps == 0] >= 0)
+        and np.any(rises[steps > 0] < 0)
+        and np.any(rises > 0)
+    )
+
+
 def ordered_times(
-    stamp: tuple[Array, str] | None,
+    stamp: tuple[Array, str, str] | None,
     rows: Indices,
     values: Array,
     options: ReadingOptions,
     remarks: list[str],
 ) -> tuple[Array, Indices]:
-    """Return increasing times, s, and the indices of their rows."""
+    """Return increasing times, s, and the indices of their rows.
+
+    The stamp is a column with its unit and its name or number; None for a known rate.
+    """
     count = len(rows)
     if stamp is None:
         return np.arange(count) / (options.sample_rate or 1.0), np.arange(count)
-    time, unit = _seconds(stamp[0][rows], stamp[1])
+    time, unit = _seconds(stamp[0][rows], *stamp[1:])
     if unit != "s":
         remarks.append(f"the time is in {unit}")
     order, steps = np.arange(count), np.diff(time)
@@ -72,7 +183,7 @@ def _rate(interval: float) -> str:
     return f"{1 / interval:.6g}" if interval > 0 else "100"
 
 
-def _seconds(time: Array, stated_unit: str) -> tuple[Array, str]:
+def _seconds(time: Array, stated_unit: str, source: str) -> tuple[Array, str]:
     """Return times in seconds and their unit in the file; times since 1970 start at 0.
 
     Parameters
@@ -80,6 +191,8 @@ def _seconds(time: Array, stated_unit: str) -> tuple[Array, str]:
     time : ndarray, shape (N,)
     stated_unit : str
         "" to infer it from the numbers.
+    source : str
+        Name or number of the column.
 
     Raises
     ------
@@ -108,7 +221,8 @@ def _seconds(time: Array, stated_unit: str) -> tuple[Array, str]:
         elif np.all(np.diff(time) == 1):
             raise DemonstrationError(
                 "the time column counts 1, 2, 3 ...: samples or milliseconds. Give the sample "
-                "rate (--sample-rate), or the unit (--columns 'time=t [ms]')."
+                "rate (--sample-rate 1000), or the unit: "
+                f"{columns_option({'time': f'{source} [ms]'})}"
             )
         else:
             low, high = _INTERVALS

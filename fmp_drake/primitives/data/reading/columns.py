@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,15 +13,16 @@ from fmp_drake.primitives.data.channels import (
     QUATERNION_CHANNELS,
     default_channels,
 )
-from fmp_drake.primitives.data.reading.clock import ordered_times
+from fmp_drake.primitives.data.reading.clock import ordered_times, time_column
 from fmp_drake.primitives.data.reading.groups import column_groups
 from fmp_drake.primitives.data.reading.table import (
     ANGLES,
     LENGTHS,
     LONGEST_GAP,
-    TIMES,
+    Column,
     ReadingOptions,
     Table,
+    column_key,
     columns_option,
     count_text,
     shown_columns,
@@ -33,28 +33,18 @@ from fmp_drake.primitives.data.reading.table import (
 SEVERAL = "several"
 """First word of the remark on a recording of several positions or arms."""
 
-# In order of preference: a sensor's stamp before the time of receipt.
-_TIMES = (
-    re.compile(r"(.*_)?(header_)?stamp"),
-    re.compile(
-        r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds)"
-        r"|zeit|zeitstempel|uhrzeit|datum"
-    ),
-)
-_NANOSECONDS = ("nsecs", "nsec", "nanosec")
 # Groups of columns: prefix and axis.
 _WORD = r"(.*?)_?(?:(?<![a-z0-9])(?:{}))?_?([{}])"
 _POSITION = re.compile(
     _WORD.format("p|t|pos|position|translation|point|trans|xyz|ee|eef|tcp", "xyz")
 )
-_AXIS_FIRST = re.compile(r"(^|.*_)([xyz])_?(?:pos(?:ition)?|axis|coord(?:inate)?)$")
 _QUATERNION = re.compile(
-    r"(.*?)_?(?:q|quats?|quaternions?|orientations?|rotations?|rot)(?:_[a-z]{1,3})?_?"
+    r"(.*?)_?(?:q|quats?|quaternions?|ori(?:entations?)?|rotations?|rot)(?:_[a-z]{1,3})?_?"
     r"([xyzw])"
 )
 JOINT = re.compile(
-    r"(?:(.*)_)?(?:joints?(?:_(?:pos(?:itions?)?|angles?|states?))?|qpos|q|j|a)"
-    r"[_.]?(\d)(?:[_.]pos(?:ition)?)?",
+    r"(?:(.*)[_./])?(?:joints?(?:_(?:pos(?:itions?)?|angles?|states?))?"
+    r"|(?<!joint_)positions|qpos|jpos|theta|axis|q|j|a)[_.[ ]?(\d)\]?(?:[_./](?:pos(?:ition)?|angle))?",
     re.IGNORECASE,
 )
 """Name of a joint's angle: a prefix, if any, and the joint's number."""
@@ -68,15 +58,12 @@ NO_MEASURED_ANGLES = re.compile(
     rf"{_COMMANDED.pattern}|vel|acc|speed|tau|torque|effort|force|current|temp"
 )
 """Words before the numbers of joints in the names of other values than measured angles."""
-_FORCE = re.compile(r"(.*?)_?(?:f|force)_?([xyz])")
+_FORCE = re.compile(r"(.*?)_?(?:(?<![a-z0-9])f|force)_?([xyz])")
 NO_POSITION = re.compile(
-    r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|vel|acc|gyro|mag|angular"
+    r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
     r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau|ori)$|^(q|v|a|w|b)_"
 )
 """Words in the names of axes that are no position."""
-_COUNTER = re.compile(
-    r"|unnamed_0|(.*_)?(index|idx|seq|frame|frame_number|sample|count|counter|row|no|id|i|n)"
-)
 _UNITS = (
     (
         re.compile(
@@ -98,49 +85,8 @@ _LARGEST_ANGLE = 4 * np.pi
 _WIDEST = 5.0
 
 
-class _Column(NamedTuple):
-    """A column of a table, with its number from 0.
-
-    `place` is its number in the file, from 1; 0 for a computed one. `key` is its name in lower case, words joined by underscores, without a unit at its
-    end, which is the `suffix`. `header_unit` is the unit of its header.
-    """
-
-    number: int
-    place: int
-    name: str
-    key: str
-    suffix: str
-    header_unit: str
-    values: Array
-
-    @property
-    def unit(self) -> str:
-        """Unit of the header, or of the name."""
-        return self.header_unit or self.suffix
-
-    @property
-    def source(self) -> str:
-        """Name or number of the column for the option `--columns`."""
-        is_safe = self.name and not set(self.name) & set(",=[(")
-        return self.name if is_safe else str(self.place)
-
-    @property
-    def is_increasing(self) -> bool:
-        """Whether the values increase strictly."""
-        return len(self.values) > 1 and bool(np.all(np.diff(self.values) > 0))
-
-    @property
-    def is_counter(self) -> bool:
-        """Whether the column only counts rows or messages."""
-        return bool(
-            _COUNTER.fullmatch(self.key)
-            and self.is_increasing
-            and np.all(self.values % 1 == 0)
-        )
-
-
 # Columns of the axes, by the prefix of their names.
-_Groups = dict[str, tuple[_Column, ...]]
+_Groups = dict[str, tuple[Column, ...]]
 
 
 def recognise_columns(table: Table, options: ReadingOptions) -> Table:
@@ -157,7 +103,7 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     """
     remarks = list(table.remarks)
     names, units, values = list(table.names), list(table.units), table.values
-    keys = [_key(name) for name in names]
+    keys = [column_key(name) for name in names]
     group_sources: set[int] = set()
     for group in column_groups(table, keys, options):
         group_sources |= group.sources
@@ -167,11 +113,13 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         remarks += [group.remark] if group.remark else []
     numbers = (*table.numbers, *[0] * (len(names) - len(table.numbers)))
     columns = [
-        _Column(i, numbers[i], name, *suffixed_unit(_key(name)), unit, values[:, i])
+        Column(
+            i, numbers[i], name, *suffixed_unit(column_key(name)), unit, values[:, i]
+        )
         for i, (name, unit) in enumerate(zip(names, units, strict=True))
     ]
     listed = shown_columns(tuple(names), numbers)
-    stamp, time_columns = _time(columns, options, listed, remarks)
+    stamp, time_columns = time_column(columns, options, listed, remarks)
     unread = group_sources | time_columns
     others = [c for c in columns if c.number not in unread and not c.is_counter]
     if empty := [c for c in others if np.all(np.isnan(c.values))]:
@@ -216,7 +164,7 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
 
 
 def _complete_rows(
-    values: Array, channels: Mapping[str, _Column], remarks: list[str]
+    values: Array, channels: Mapping[str, Column], remarks: list[str]
 ) -> Mask:
     """Return a mask of the samples with values of all channels; most must have them."""
     is_empty = np.isnan(values)
@@ -225,11 +173,17 @@ def _complete_rows(
     incomplete = [n for n, e in zip(channels, is_empty.T, strict=True) if np.any(e)]
     choice = next((r for r in remarks if r.startswith(f"{SEVERAL} positions")), "")
     if count > (1 - _LEAST_COMPLETE) * len(values) or (count and choice):
+        # The channels that most samples have; of equally many a position.
+        known, counts = np.unique(~is_empty, axis=0, return_counts=True)
+        is_axis = np.isin(list(channels), POSITION_CHANNELS)
+        axes = np.count_nonzero(known & is_axis, axis=1)
+        best = known[np.lexsort((axes, counts * np.any(known, axis=1)))[-1]]
         others = {
-            name: c.source for name, c in channels.items() if name not in incomplete
+            name: column.source
+            for (name, column), is_known in zip(channels.items(), best, strict=True)
+            if is_known
         }
-        advice = f"leave them out: {columns_option(others)}"
-        choice = choice or (advice if others else "are there several recordings in it?")
+        choice = choice or f"leave them out: {columns_option(others)}"
         raise DemonstrationError(
             f"{count} of {len(values)} samples have no value of {', '.join(incomplete)}; "
             f"{choice}"
@@ -243,7 +197,7 @@ def _complete_rows(
 
 def _to_standard_units(
     values: Array,
-    channels: Mapping[str, _Column],
+    channels: Mapping[str, Column],
     options: ReadingOptions,
     remarks: list[str],
 ) -> list[str]:
@@ -292,94 +246,16 @@ def _to_standard_units(
     return list(units)
 
 
-def _key(name: str) -> str:
-    """Return a name in lower case, its words joined by underscores: `X Position`, `pos_x`."""
-    words = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
-    return _AXIS_FIRST.sub(r"\1pos_\2", words)
-
-
-def _labels(columns: Sequence[_Column]) -> tuple[str, ...]:
+def _labels(columns: Sequence[Column]) -> tuple[str, ...]:
     """Return the names of channels; those of columns without a name are x, y, z, c0 ..."""
     if not any(column.key for column in columns):
         return default_channels(len(columns))
     return tuple(column.name or f"c{n}" for n, column in enumerate(columns))
 
 
-def _time(
-    columns: Sequence[_Column],
-    options: ReadingOptions,
-    listed: str,
-    remarks: list[str],
-) -> tuple[tuple[Array, str] | None, set[int]]:
-    """Return the times with their unit, and the indices of all columns of times."""
-    candidates = [
-        column
-        for form in _TIMES
-        for column in columns
-        if form.fullmatch(column.key) and (not column.suffix or column.suffix in TIMES)
-    ]
-    with_unit = [c for c in columns if c.header_unit in TIMES and c.is_increasing]
-    candidates = candidates or with_unit
-    parts = _stamp_parts(columns)
-    indices = {column.number for column in (*candidates, *parts)}
-    if options.sample_rate is not None:
-        return None, indices
-    if "time" in options.columns:
-        names, numbers = zip(*((c.name, c.place) for c in columns), strict=True)
-        column = columns[options.column("time", names, numbers)]
-        header_unit = options.source("time")[1] or column.unit
-        return (column.values, header_unit), {*indices, column.number}
-    if parts:
-        whole, nanoseconds = (column.values for column in parts)
-        remarks.append("the time is that of the stamps")
-        return (whole - whole[0] + 1e-9 * nanoseconds, "s"), indices
-    # Stamps that were never set are constant.
-    changing = [c for c in candidates if np.any(c.values != c.values[0])]
-    candidates = changing or candidates
-    if not candidates:
-        unnamed = [c for c in columns if not c.key][:1]
-        candidates = [c for c in unnamed if c.is_increasing and not c.is_counter]
-        if not candidates:
-            raise SkillFileError(_missing_time(columns, listed, remarks))
-        remarks.append(
-            f"column {candidates[0].place}, which increases, is taken for the time"
-        )
-    column = candidates[0]
-    if len(candidates) > 1:
-        remarks.append(f"the time is {column.name}")
-    return (column.values, column.unit), {*indices, column.number}
-
-
-def _missing_time(
-    columns: Sequence[_Column], listed: str, remarks: Sequence[str]
-) -> str:
-    """Return why there is no time, and what to do."""
-    others = [remark for remark in remarks if remark.endswith("left out: not numeric")]
-    beside = f" ({others[0]})" if others else ""
-    clock = next((c for c in columns if c.is_increasing and not c.is_counter), None)
-    option = columns_option({"time": clock.source}) if clock else ""
-    advice = f", or the column: {option}" if option else ""
-    return (
-        f"no column holds the time; {listed}"
-        f"{beside}. Give the sample rate in Hz, such as --sample-rate 100{advice}"
-    )
-
-
-def _stamp_parts(columns: Sequence[_Column]) -> list[_Column]:
-    """Return the columns of seconds and nanoseconds of one stamp, or an empty list."""
-    named = {_key(column.name): column for column in reversed(columns)}
-    for column in columns:
-        match = re.fullmatch(r"(.*_)?secs?", _key(column.name))
-        names = [f"{match[1] or ''}{n}" for n in _NANOSECONDS] if match else []
-        for name in names:
-            if name in named:
-                return [column, named[name]]
-    return []
-
-
 def _channels(
-    columns: Sequence[_Column], listed: str, remarks: list[str]
-) -> dict[str, _Column]:
+    columns: Sequence[Column], listed: str, remarks: list[str]
+) -> dict[str, Column]:
     """Return the column of each channel.
 
     Position, orientation and force get standard names.
@@ -390,7 +266,11 @@ def _channels(
         hands = _groups(columns, _POSITION, "xyz").items()
         positions |= {prefix: group for prefix, group in hands if prefix == "r"}
     orientations = _groups(columns, _QUATERNION, "xyzw")
-    positions, orientations, commanded = _without_commanded(positions, orientations)
+    joints = max((_groups(columns, JOINT, n) for n in _NUMBERS), key=len)
+    joints = {p: g for p, g in joints.items() if not NO_MEASURED_ANGLES.search(p)}
+    positions, orientations, commanded = _without_commanded(
+        positions, orientations, has_joints=bool(joints)
+    )
     if commanded:
         columns = [c for c in columns if c not in commanded]
         names_of_commands = ", ".join(c.name for c in commanded)
@@ -405,8 +285,6 @@ def _channels(
             (group,) = groups.values()
             for column, name in zip(group, axes, strict=True):
                 labels[column.number] = name
-    joints = max((_groups(columns, JOINT, n) for n in _NUMBERS), key=len)
-    joints = {p: g for p, g in joints.items() if not NO_MEASURED_ANGLES.search(p)}
     if len(positions) > 1:
         prefix, group = next(iter(positions.items()))
         chosen = (*group, *orientations.get(prefix, ()))
@@ -426,7 +304,7 @@ def _channels(
 
 
 def _choice(
-    what: str, groups: _Groups, channels: Sequence[str], chosen: Sequence[_Column]
+    what: str, groups: _Groups, channels: Sequence[str], chosen: Sequence[Column]
 ) -> str:
     """Return a remark on several groups, with the option that chooses columns of one."""
     listed = ", ".join(group[0].name for group in groups.values())
@@ -436,29 +314,29 @@ def _choice(
 
 
 def _without_commanded(
-    positions: _Groups, orientations: _Groups
-) -> tuple[_Groups, _Groups, list[_Column]]:
-    """Return the measured groups, or all if none is measured, and commanded columns."""
-    remaining, commanded = [], list[_Column]()
+    positions: _Groups, orientations: _Groups, *, has_joints: bool
+) -> tuple[_Groups, _Groups, list[Column]]:
+    """Return the measured groups, or all if nothing is measured, and commanded columns."""
+    remaining, commanded = [], list[Column]()
     for groups in (positions, orientations):
         measured = {p: g for p, g in groups.items() if not _COMMANDED.fullmatch(p)}
-        if len(measured) == 1:
+        if len(measured) == 1 or (has_joints and not measured):
             commanded += [c for p, g in groups.items() if p not in measured for c in g]
             groups = measured
         remaining.append(groups)
     return remaining[0], remaining[1], commanded
 
 
-def _is_length(column: _Column) -> bool:
+def _is_length(column: Column) -> bool:
     """Return whether a column may be a coordinate of a position."""
     if column.unit:
         return column.unit in LENGTHS
     return not NO_POSITION.search(column.key[:-1].strip("_"))
 
 
-def _groups(columns: Sequence[_Column], form: re.Pattern[str], axes: str) -> _Groups:
+def _groups(columns: Sequence[Column], form: re.Pattern[str], axes: str) -> _Groups:
     """Return groups of columns by their prefixes, with one column for each axis."""
-    groups: dict[str, dict[str, _Column]] = {}
+    groups: dict[str, dict[str, Column]] = {}
     for column in columns:
         match = form.fullmatch(column.key)
         if match:
@@ -471,11 +349,11 @@ def _groups(columns: Sequence[_Column], form: re.Pattern[str], axes: str) -> _Gr
     return {"": complete[""]} if "" in complete else complete
 
 
-def _unit(column: _Column, channel: str, options: ReadingOptions) -> str:
+def _unit(column: Column, channel: str, options: ReadingOptions) -> str:
     """Return the unit of a channel without one: of its name, an option, or its kind."""
     if channel in POSITION_CHANNELS:
         return column.suffix or options.unit or "m"
-    forms = (unit for form, unit in _UNITS if form.fullmatch(_key(channel)))
+    forms = (unit for form, unit in _UNITS if form.fullmatch(column_key(channel)))
     return next(forms, "1")
 
 

@@ -9,7 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fmp_drake.errors import FmpError, SkillFileError
-from fmp_drake.primitives.data.reading import arrays, bags, datasets, text
+from fmp_drake.primitives.data.reading import (
+    arrays,
+    bags,
+    datasets,
+    motion_capture,
+    text,
+)
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
     ReadingOptions,
@@ -74,7 +80,8 @@ def _reader_of_file(path: Path, first: bytes) -> _Reader:
     start = b"".join(first.split())[:2]
     if start == b"[[" or (start[:1] in (b"{", b"[") and b'"' in first):
         return arrays.read_json
-    return text.read_vicon if text.is_vicon(first) else text.read_text
+    is_vicon = motion_capture.is_vicon(first)
+    return motion_capture.read_vicon if is_vicon else text.read_text
 
 
 def _reader_of_archive(path: Path) -> _Reader:
@@ -139,7 +146,7 @@ _FIRST_BYTES: dict[bytes, _Reader] = {
     b"MATLAB 5": arrays.read_matlab,
     b"MATLAB 7.3": datasets.read_hdf5,
     b"\x1f\x8b": _read_packed,
-    b"Format Version,": text.read_optitrack,
+    b"Format Version,": motion_capture.read_optitrack,
 }
 _ALTERNATIVES = (
     "; a demonstration is a table (.csv, .tsv, .txt, .xlsx; OptiTrack, Vicon), .npz, .npy, "

@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,12 @@ _SYMBOLS = {
     **dict.fromkeys(("degrees", "degree"), "deg"),
 }
 _SUFFIXES = "|".join(sorted({*TIMES, *LENGTHS, *ANGLES}, key=len, reverse=True))
+_COUNTER = re.compile(
+    r"|unnamed_0|(.*_)?(index|idx|seq|frame|frame_number|sample|count|counter|row|no|id|i|n)"
+)
+_AXIS_FIRST = re.compile(
+    r"(^|.*_)([xyz])_?(?:pos(?:ition)?|axis|coord(?:inate)?|tcp|eef?|actual)$"
+)
 # Names of arrays of times.
 TIME_NAME = re.compile(r"(?:.*[/.])?(time|times|timestamps?|t)")
 
@@ -274,3 +280,51 @@ def shown_columns(names: tuple[str, ...], numbers: tuple[int, ...]) -> str:
     ]
     more = f" and {len(labels) - 20} more" if len(labels) > 20 else ""
     return f"the columns are {', '.join(labels[:20])}{more}"
+
+
+class Column(NamedTuple):
+    """A column of a table, with its number from 0.
+
+    `place` is its number in the file, from 1; 0 for a computed one. `key` is its name in lower case, words joined by underscores, without a unit at its
+    end, which is the `suffix`. `header_unit` is the unit of its header.
+    """
+
+    number: int
+    place: int
+    name: str
+    key: str
+    suffix: str
+    header_unit: str
+    values: Array
+
+    @property
+    def unit(self) -> str:
+        """Unit of the header, or of the name."""
+        return self.header_unit or self.suffix
+
+    @property
+    def source(self) -> str:
+        """Name or number of the column for the option `--columns`."""
+        is_safe = self.name and not set(self.name) & set(",=[(")
+        return self.name if is_safe else str(self.place)
+
+    @property
+    def is_increasing(self) -> bool:
+        """Whether the values increase strictly."""
+        return len(self.values) > 1 and bool(np.all(np.diff(self.values) > 0))
+
+    @property
+    def is_counter(self) -> bool:
+        """Whether the column only counts rows or messages."""
+        return bool(
+            _COUNTER.fullmatch(self.key)
+            and self.is_increasing
+            and np.all(self.values % 1 == 0)
+        )
+
+
+def column_key(name: str) -> str:
+    """Return a name in lower case, its words joined by underscores: `X Position`, `pos_x`."""
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
+    words = re.sub(r"[^a-z0-9]+", "_", words.lower()).strip("_")
+    return _AXIS_FIRST.sub(r"\1pos_\2", words)

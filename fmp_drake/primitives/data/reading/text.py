@@ -1,13 +1,15 @@
-"""Readers of tables in text files, also of OptiTrack Motive and Vicon Nexus."""
+"""Readers of tables in text files."""
 
 import codecs
 import csv
 import re
 import shlex
 from array import array
+from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +23,6 @@ from fmp_drake.primitives.data.reading.table import (
     count_text,
     named_unit,
     topic_choice,
-    unit_symbol,
 )
 
 _COMMENT = re.compile(r"^\s*(?:#|%|//)+\s*")
@@ -29,13 +30,14 @@ _EMPTY = {"", "nan", "na", "n/a", "null", "none", "-"}
 _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
 # Date (by year, or by day), hours, minutes, seconds; a date or the hours may be missing.
 _DATE = re.compile(
-    r"(?:(\d{4})[-/.](\d\d?)[-/.](\d\d?)[T ,]+|(\d\d?)([./])(\d\d?)[./](\d{4})[T ,]+)?"
+    r"(?:(\d{4})[-/.](\d\d?)[-/.](\d\d?)[T ,/_-]+|(\d\d?)([./])(\d\d?)[./](\d{4})[T ,]+)?"
     r"(?:(\d\d?):)?(\d\d?):(\d\d?(?:[.,]\d+)?)(?: ?([AaPp])[Mm])?"
     r"(?:Z|[+-]\d\d:?\d\d)?"
 )
+_COMPACT_DATE = re.compile(r"(\d{4})(\d\d)(\d\d)[_T-](\d\d)(\d\d)(\d\d)")
 # List of numbers in a cell, and what separates them.
-_LIST = re.compile(r'"?[\[(]([-+.\deE,; ]+)[\])]"?')
-_LIST_MARK = re.compile(r"[,; ]+")
+_LIST = re.compile(r""""?(?:array\()?(?:'d', ?)?[\[(]([-+.\deE,; \[\]]+)[\])]+"?""")
+_LIST_MARK = re.compile(r"[,; \[\]]+")
 # Greatest fraction of broken rows that are left out; rows of which one may be broken.
 _MOST_BROKEN, _FEW = 0.01, 20
 # Greatest number of broken rows that a command deletes.
@@ -43,9 +45,6 @@ _MOST_DELETED = 20
 # Greatest number of lines before the numbers.
 _LONGEST_PREAMBLE = 200
 _UNIT = re.compile(r"[\[(]?(|[numkcd]?s|[munc]?m|m?rad|deg|°|N|N/?m|-|m/s|rad/s)[\])]?")
-# Sections of a Vicon file, the best first.
-_SECTIONS = ("Objects", "Segments", "Trajectories", "Model Outputs", "Joints")
-_RIGID = ("Rigid Body", "Bone")
 # Columns of numbers that tell one sensor from another, and the most of them.
 _SOURCE = re.compile(
     r"(.*_)?(device|sensor|source|marker|body|hand|controller|tracker|object|serial)"
@@ -93,7 +92,7 @@ def table_of_lines(
             f"{path} is empty: nothing was recorded. Record one to try with: "
             "fmp-drake record --out demo.csv"
         )
-    lines = _without_lists(lines)
+    lines, numbers_in_file = _without_lists(_with_whole_cells(lines))
     start, delimiter = _first_row(path, lines)
     first = split_cells(lines[start], delimiter)
     width = len(first)
@@ -104,64 +103,91 @@ def table_of_lines(
         header, units = [""] * width, [""] * width
     else:
         header, units = _header(path, lines[:start], delimiter, first)
-    not_numeric = [i for i, cell in enumerate(first) if number_in(cell) is None]
-    numbers, remarks = array("d"), []
-    has_commas = False
-    broken: list[tuple[int, str]] = []
-    words: dict[int, list[str]] = {i: [] for i in not_numeric}
-    for number, line in enumerate(lines[start:], start + 1):
-        if not line.strip() or _COMMENT.match(line):
-            continue
-        cells = split_cells(line, delimiter)
-        row = [
-            0.0 if i in not_numeric else number_in(cell) for i, cell in enumerate(cells)
-        ]
-        if len(row) < width and may_be_incomplete and number == len(lines):
-            remarks.append(f"line {number}, the last, is incomplete: left out")
-        elif len(row) != width:
-            broken.append((number, f"{len(cells)} cells instead of {width}"))
-        elif None in row:
-            i = row.index(None)
-            broken.append((number, f"{cells[i]!r} in the column {header[i] or i + 1}"))
-        else:
-            numbers.extend(x for x in row if x is not None)
-            for i in not_numeric:
-                words[i].append(cells[i])
-            has_commas = has_commas or (delimiter != "," and "," in line)
+    labels = [name or f"column {i}" for i, name in enumerate(header, 1)]
+    words = [i for i, cell in enumerate(first) if number_in(cell) is None]
+    rows = _read_rows(lines, start, delimiter, labels, words)
+    unread = Counter(i for _, _, i in rows.broken if i is not None)
+    most = max(_FEW, _most_broken(len(rows.values)))
+    if more := [i for i, n in unread.items() if n > most]:
+        # Their first cells are empty, or numbers.
+        words = sorted({*words, *more})
+        rows = _read_rows(lines, start, delimiter, labels, words)
+    values, broken, remarks = rows.values, rows.broken, []
+    if may_be_incomplete and broken and broken[-1][0] == len(lines):
+        *broken, (number, _, _) = broken
+        remarks.append(f"line {number}, the last, is incomplete: left out")
     if broken:
-        remarks.append(_without_broken(path, broken, len(numbers) // width))
-    values = np.array(numbers).reshape(-1, width)
+        remarks.append(_without_broken(path, broken, len(values)))
     unused = {
         i for i in range(width) if not header[i] and np.all(np.isnan(values[:, i]))
     }
-    sources = words | {
+    sources = dict(zip(words, rows.words, strict=True)) | {
         i: [f"{value:g}" for value in values[:, i]]
         for i, name in enumerate(header)
         if i not in words and _SOURCE.fullmatch(name)
     }
-    for i, labels in sources.items():
-        if (rows := _rows_of_one(path, header[i], labels, topic)) is not None:
-            values = values[rows]
+    for i, cells in sources.items():
+        if (chosen := _rows_of_one(path, labels[i], cells, topic)) is not None:
+            values = values[chosen]
             unused.add(i)
-            remarks.append(f"only rows with {topic} as {header[i]}")
+            remarks.append(f"only rows with {topic} as {labels[i]}")
             break
-    columns = [i for i in range(width) if i not in unused.union(not_numeric)]
-    if delimiter != "," or has_commas:
+    columns = [i for i in range(width) if i not in unused.union(words)]
+    if delimiter != "," or rows.has_commas:
         remarks.append(
-            f"{'decimal commas, ' if has_commas else ''}{_DELIMITERS[delimiter]} between "
-            "the columns"
+            f"{'decimal commas, ' if rows.has_commas else ''}{_DELIMITERS[delimiter]} "
+            "between the columns"
         )
-    if not_numeric:
-        named = ", ".join(header[i] or f"column {i + 1}" for i in not_numeric)
-        remarks.append(f"{named} left out: not numeric")
+    if words:
+        remarks.append(f"{', '.join(labels[i] for i in words)} left out: not numeric")
     return Table(
         names=tuple(header[i] for i in columns),
         units=tuple(units[i] for i in columns),
-        numbers=tuple(i + 1 for i in columns),
+        numbers=tuple(
+            numbers_in_file[i] if numbers_in_file else i + 1 for i in columns
+        ),
         values=values[:, columns],
         remarks=tuple(remarks),
-        words={header[i]: first[i] for i in not_numeric},
+        words={header[i]: first[i] for i in words},
     )
+
+
+class _Rows(NamedTuple):
+    """Rows of a table.
+
+    `values` (N, C) are 0 in columns of words, whose `words` are apart. `broken` has the
+    number of each line that cannot be read, the reason, and its column, if it is one.
+    """
+
+    values: Array
+    words: list[list[str]]
+    broken: list[tuple[int, str, int | None]]
+    has_commas: bool
+
+
+def _read_rows(
+    lines: list[str], start: int, delimiter: str, labels: list[str], words: list[int]
+) -> _Rows:
+    """Return the rows from a line on; columns have labels, some of them words."""
+    width, numbers, has_commas = len(labels), array("d"), False
+    broken: list[tuple[int, str, int | None]] = []
+    found: list[list[str]] = [[] for _ in words]
+    for number, line in enumerate(lines[start:], start + 1):
+        if not line.strip() or _COMMENT.match(line):
+            continue
+        cells = split_cells(line, delimiter)
+        row = [0.0 if i in words else number_in(cell) for i, cell in enumerate(cells)]
+        if len(row) != width:
+            broken.append((number, f"{len(cells)} cells instead of {width}", None))
+        elif None in row:
+            i = row.index(None)
+            broken.append((number, f"{cells[i]!r} in {labels[i]}", i))
+        else:
+            numbers.extend(x for x in row if x is not None)
+            for i, known in zip(words, found, strict=True):
+                known.append(cells[i])
+            has_commas = has_commas or (delimiter != "," and "," in line)
+    return _Rows(np.array(numbers).reshape(-1, width), found, broken, has_commas)
 
 
 def _rows_of_one(
@@ -180,30 +206,61 @@ def _rows_of_one(
     return np.asarray(column == topic)
 
 
-def _without_lists(lines: list[str]) -> list[str]:
-    """Return lines in which the numbers of a list in one cell are columns of their own."""
-    rows = [split_cells(line, ",") for line in lines[:2]]
-    lists = [_LIST.fullmatch(cell) for cell in rows[-1]]
-    if len(rows) < 2 or len(rows[0]) != len(lists) or not any(lists):
+def _with_whole_cells(lines: list[str]) -> list[str]:
+    """Return lines that do not end within quotes."""
+    if not any(line.count('"') % 2 for line in lines):
         return lines
+    whole: list[str] = []
+    is_open = False
+    for line in lines:
+        if is_open:
+            whole[-1] += f" {line}"
+        else:
+            whole.append(line)
+        is_open ^= line.count('"') % 2 == 1
+    return whole
+
+
+def _without_lists(lines: list[str]) -> tuple[list[str], list[int]]:
+    """Return lines in which the numbers of a list in one cell are columns of their own.
+
+    The second value are the numbers of these columns in the file, from 1, 0 for further
+    elements of a list; it is empty where there is no list.
+    """
+    for delimiter in (",", ";", "\t"):
+        rows = [split_cells(line, delimiter) for line in lines[:2]]
+        lists = [_LIST.fullmatch(cell) for cell in rows[-1]]
+        if len(rows) == 2 and len(rows[0]) == len(lists) and any(lists):
+            break
+    else:
+        return lines, []
     names: list[str] = []
-    for name, match in zip(rows[0], lists, strict=True):
-        count = len(_LIST_MARK.split(match[1].strip())) if match else 0
+    numbers: list[int] = []
+    for number, (name, match) in enumerate(zip(rows[0], lists, strict=True), 1):
+        count = len(_LIST_MARK.split(match[1].strip(" []"))) if match else 1
         names += [f"{name}_{i}" for i in range(count)] if match else [name]
+        numbers += [number, *[0] * (count - 1)]
     body = (
-        _LIST.sub(lambda match: _LIST_MARK.sub(",", match[1].strip()), line)
+        _LIST.sub(lambda match: _LIST_MARK.sub(delimiter, match[1].strip(" []")), line)
         for line in lines[1:]
     )
-    return [",".join(names), *body]
+    return [delimiter.join(names), *body], numbers
 
 
-def _without_broken(path: Path, broken: list[tuple[int, str]], rows: int) -> str:
+def _most_broken(rows: int) -> float:
+    """Return the greatest number of broken lines beside rows of numbers."""
+    return max(_MOST_BROKEN * rows, rows >= _FEW)
+
+
+def _without_broken(
+    path: Path, broken: list[tuple[int, str, int | None]], rows: int
+) -> str:
     """Return a remark that broken lines are left out; raise where they are many."""
-    (line, reason), count = broken[0], len(broken)
+    (line, reason, _), count = broken[0], len(broken)
     example = f"line {line}: {reason}"
-    if count <= max(_MOST_BROKEN * rows, rows >= _FEW):
+    if count <= _most_broken(rows):
         return f"{count_text(count, 'broken line')} left out ({example})"
-    commands = ";".join(f"{number}d" for number, _ in broken[:_MOST_DELETED])
+    commands = ";".join(f"{number}d" for number, _, _ in broken[:_MOST_DELETED])
     advice = (
         f"delete them: sed -i.orig {shlex.quote(commands)} {shlex.quote(str(path))}"
         if count <= _MOST_DELETED
@@ -246,18 +303,24 @@ def _first_row(path: Path, lines: list[str]) -> tuple[int, str]:
             fraction = count / max(1, len(cells))
             if fraction > most:
                 most, best = fraction, delimiter
-        # Numbers before rows of another length belong to the preamble.
-        following = content[n + 1 : n + 3]
+        # Numbers between rows of another length belong to the preamble.
+        beside = [*content[max(n - 1, 0) : n], *content[n + 1 : n + 3]]
         width = len(split_cells(lines[i], best)) if best else 0
-        if best and (
-            not following
-            or any(len(split_cells(lines[k], best)) == width for k in following)
+        is_item = best == " " and lines[i].lstrip().startswith("- ")
+        if (
+            best
+            and not is_item
+            and (
+                len(content) == n + 1
+                or any(len(split_cells(lines[k], best)) == width for k in beside)
+            )
         ):
             return i, best
-    if any(line.startswith(("---", "header:")) for line in lines[:_LONGEST_PREAMBLE]):
+    yaml = ("---", "header:", "- ")
+    if any(line.startswith(yaml) for line in lines[:_LONGEST_PREAMBLE]):
         raise SkillFileError(
-            f"{path} is what `rostopic echo` prints; name the bag, or print a table: "
-            "rostopic echo -p TOPIC > table.csv"
+            f"{path} is YAML, as ROS prints it; record a bag (ros2 bag record TOPIC), or "
+            "print a table: rostopic echo -p TOPIC > table.csv"
         )
     raise SkillFileError(
         f"{path} has no line of numbers among its first {_LONGEST_PREAMBLE}; expected a "
@@ -285,7 +348,7 @@ def number_in(cell: str) -> float | None:
         whole, mark, rest = cell.rpartition(max(".,", key=cell.rfind))
         cell = re.sub(r"[.,](?=\d{3}(\D|$))", "", whole) + mark + rest
     try:
-        return float(cell.replace(",", "."))
+        return _date_in(cell) if "_" in cell else float(cell.replace(",", "."))
     except ValueError:
         return _date_in(cell)
 
@@ -295,7 +358,7 @@ def _date_in(cell: str) -> float | None:
 
     Days come before months with dots, months before days with slashes.
     """
-    match = _DATE.fullmatch(cell)
+    match = _DATE.fullmatch(_COMPACT_DATE.sub(r"\1-\2-\3 \4:\5:\6", cell))
     if match is None:
         return None
     year, month, day, one, mark, two, late_year, *clock, half = match.groups()
@@ -336,6 +399,10 @@ def _header(
             below = [unit[1] if unit else "" for unit in units]
             rows.pop()
     names = rows[-1]
+    if len(names) != width:  # As `numpy.savetxt` writes: commas above, spaces below.
+        line = _COMMENT.sub("", lines[-1])
+        splits = (split_cells(line, other) for other in _DELIMITERS)
+        names = next((cells for cells in splits if len(cells) == width), names)
     while len(names) > width and not names[-1]:
         names = names[:-1]
     if len(names) == width - 1 and not first[-1]:  # Rows end with a delimiter ...
@@ -355,125 +422,3 @@ def _header(
         [name for name, _ in split],
         [unit or under for (_, unit), under in zip(split, below, strict=True)],
     )
-
-
-def is_vicon(text: bytes) -> bool:
-    """Return whether the first bytes of a file are those of a Vicon export."""
-    title, *lines = text.decode("utf-8-sig", "replace").splitlines()[:2] or [""]
-    rate = lines[0].strip(",; \t") if lines else ""
-    return title.strip(",; \t") in (*_SECTIONS, "Devices") and rate.isdecimal()
-
-
-def read_optitrack(path: Path, _options: ReadingOptions) -> list[Table]:
-    """Return the rigid bodies of an OptiTrack export, or its markers without any.
-
-    Raises
-    ------
-    SkillFileError
-        Where the file has no row `Frame, Time (Seconds), ...`.
-    """
-    rows = [split_cells(line, ",") for line in read_lines(path)]
-    head = next(
-        (i for i, row in enumerate(rows) if len(row) > 2 and row[0] == "Frame"), None
-    )
-    if head is None:
-        raise SkillFileError(
-            f"{path} has no row `Frame,Time (Seconds),X,...`; export it from Motive as "
-            ".csv with rigid bodies."
-        )
-    settings = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
-    labels = {row[1]: row for row in rows[1:head] if len(row) > 2}
-    axes = rows[head]
-    types, bodies, kinds = (
-        [*labels.get(key, []), *[""] * len(axes)] for key in ("Type", "Name", "")
-    )
-    pose_columns = [
-        i for i in range(2, len(axes)) if kinds[i] in ("Position", "Rotation")
-    ]
-    columns = [i for i in pose_columns if types[i] in _RIGID] or pose_columns
-    omitted_bodies = {bodies[i] for i in pose_columns} - {bodies[i] for i in columns}
-    remark = "OptiTrack, " + ", ".join(dict.fromkeys(bodies[i] for i in columns))
-    if omitted_bodies:
-        remark += f"; {count_text(len(omitted_bodies), 'marker')} left out"
-    units = {
-        "Position": unit_symbol(settings.get("Length Units", "")),
-        "Rotation": "" if "W" in axes else "deg",
-    }
-    table = Table(
-        names=("time", *(f"{bodies[i]} {kinds[i]} {axes[i]}" for i in columns)),
-        units=("s", *(units[kinds[i]] for i in columns)),
-        numbers=(2, *(i + 1 for i in columns)),
-        values=_numbers(path, rows[head + 1 :], [1, *columns], head + 2),
-        remarks=(remark,),
-    )
-    return [table]
-
-
-def read_vicon(path: Path, _options: ReadingOptions) -> list[Table]:
-    """Return the objects, segments or trajectories of a Vicon export over time.
-
-    Raises
-    ------
-    SkillFileError
-        Where the file has none of these sections.
-    """
-    lines = read_lines(path)
-    delimiter = "\t" if any("\t" in line for line in lines[:5]) else ","
-    rows = [split_cells(line, delimiter) for line in lines]
-    starts = {
-        row[0]: i
-        for i, row in reversed(list(enumerate(rows[:-5])))
-        if row and row[0] in _SECTIONS and not any(row[1:])
-    }
-    title = next((name for name in _SECTIONS if name in starts), None)
-    if title is None:
-        raise SkillFileError(
-            f"{path} has none of the sections {', '.join(_SECTIONS)}; export the "
-            "trajectories from Nexus as ASCII."
-        )
-    start = starts[title]
-    rate = number_in(rows[start + 1][0])
-    subjects, axes, units = (rows[start + k] for k in (2, 3, 4))
-    # A name stands over the first of its columns.
-    subjects = [*subjects, *[""] * len(axes)]
-    for i in range(1, len(subjects)):
-        subjects[i] = subjects[i] or subjects[i - 1]
-    body = rows[start + 5 :]
-    body = body[: next((i for i, row in enumerate(body) if not any(row)), len(body))]
-    columns = [i for i, axis in enumerate(axes) if axis and i > 1]
-    values = _numbers(path, body, [0, 1, *columns], start + 6)
-    if not rate or not columns:
-        raise SkillFileError(f"{path} has no rate, or no columns, in {title}.")
-    values[:, 1] = (values[:, 0] - values[0, 0]) / rate
-    table = Table(
-        names=("time", *(_vicon_name(subjects[i], axes[i]) for i in columns)),
-        units=("s", *(units[i] if i < len(units) else "" for i in columns)),
-        numbers=(2, *(i + 1 for i in columns)),
-        values=values[:, 1:],
-        remarks=(f"Vicon, {title} at {rate:g} Hz",),
-    )
-    return [table]
-
-
-def _vicon_name(subject: str, axis: str) -> str:
-    """Return the name of a column; RX and TX become a rotation and a position."""
-    kind = {"R": "Rotation", "T": "Position"}.get(axis[0])
-    return f"{subject} {kind} {axis[1]}" if kind and axis[1:] else f"{subject} {axis}"
-
-
-def _numbers(
-    path: Path, rows: Sequence[Sequence[str]], columns: Sequence[int], first: int
-) -> Array:
-    """Return the numbers in some columns, NaN in empty cells, shape (N, len(columns))."""
-    out = []
-    for line, row in enumerate(rows, first):
-        if not any(row):
-            continue
-        cells = [row[i] if i < len(row) else "" for i in columns]
-        numbers = [number_in(cell) for cell in cells]
-        if None in numbers:
-            raise SkillFileError(
-                f"{path}: line {line}: {cells[numbers.index(None)]!r} is not a number."
-            )
-        out.append(numbers)
-    return np.array(out, dtype=float).reshape(-1, len(columns))

@@ -19,6 +19,8 @@ _LEAST_GAIN, _MOST_SPEED = -5.0, 2.0
 _LAGS_PER_STEP = 24
 # Bounds of the lag, samples, and the least number of cycles in a recording.
 _SHORTEST_LAG, _LONGEST_LAG, _LEAST_CYCLES = 8, 800, 1.25
+# Most pairs of samples that are compared, at a gigabyte.
+_MOST_PAIRS = 1.2e8
 # Greatest ratio of lags of one period.
 _SAME_PERIOD = 1.25
 # Least score of an alignment, in periods: for a recording of one period, its increment for
@@ -69,11 +71,14 @@ def aligned_period(recordings: Sequence[Array]) -> float | None:
 def aligned_samples(recordings: Sequence[Array], period: float) -> list[Mask]:
     """Return masks (n,) of the samples of recordings (n, D) in alignments of a period.
 
-    They are all samples where no part is aligned.
+    They are all samples where no part is aligned, or where cycles are very long.
     """
-    bounds = period / _SAME_PERIOD, period * _SAME_PERIOD
+    least, most = period / _SAME_PERIOD, period * _SAME_PERIOD
     alignments = [
-        self_alignments(y, *bounds, least=_LEAST_OF_KNOWN) for y in recordings
+        self_alignments(y, least, most, least=_LEAST_OF_KNOWN)
+        if len(y) * (most - least) < _MOST_PAIRS
+        else []
+        for y in recordings
     ]
     masks = [np.full(len(y), not any(alignments)) for y in recordings]
     for mask, found in zip(masks, alignments, strict=True):

@@ -34,6 +34,8 @@ CHANGE = 0.03
 _STEPS = 12
 _ROUNDS = 6
 _HARMONICS = (6, 20)
+# Most numbers in the segments that are compared for the first cycles.
+_MOST_NUMBERS = 50_000_000
 # With few cycles a smaller change of the phase velocity is assumed: otherwise it
 # absorbs the slowly varying residual. Left-out thirds of 20 s of the 8 and of polishing
 # are predicted better with this in 15 of 16 cases; with 2 minutes of data, samples vary
@@ -170,30 +172,35 @@ def track_phase(
 def first_cycles(recordings: Recordings, period: float, *, most: int) -> list[Cycle]:
     """Return disjoint segments of one period, those most similar to all others first."""
     size = round(period)
+    long = [y for y in recordings if len(y) >= size]
+    count = sum(y.shape[1] * size * (len(y) - size + 1) for y in long)
+    step = 1 + count // _MOST_NUMBERS
     pieces = np.concatenate(
         [
-            np.lib.stride_tricks.sliding_window_view(y, size, axis=0).reshape(
+            np.lib.stride_tricks.sliding_window_view(y, size, axis=0)[::step].reshape(
                 -1, size * y.shape[1]
             )
-            for y in recordings
-            if len(y) >= size
+            for y in long
         ]
     )
-    starts = np.arange(0, len(pieces), max(1, size // 4, len(pieces) // 400))
+    spacing = -(-size // step)
+    starts = np.arange(0, len(pieces), max(1, spacing // 4, len(pieces) // 400))
     candidates = pieces[starts]
     # Squared distances of each candidate to every piece.
     squares = np.sum(pieces**2, axis=1)
     distance = squares[:, None] - 2 * pieces @ candidates.T
     distance += np.sum(candidates**2, axis=1)
-    whole_size = len(pieces) // size * size or len(pieces)
-    distance = distance[:whole_size].reshape(-1, min(size, whole_size), len(candidates))
+    whole_size = len(pieces) // spacing * spacing or len(pieces)
+    distance = distance[:whole_size].reshape(
+        -1, min(spacing, whole_size), len(candidates)
+    )
     typical_distance = np.median(distance.min(axis=1), axis=0)
     phase = 2 * np.pi * np.arange(float(size)) / period
     harmonics = max(1, min(_HARMONICS[0], size // 2 - 2))
     cycles: list[Cycle] = []
     while len(cycles) < most and np.isfinite(typical_distance).any():
         best = int(np.argmin(typical_distance))
-        typical_distance[np.abs(starts - starts[best]) < size] = np.inf
+        typical_distance[np.abs(starts - starts[best]) < spacing] = np.inf
         values = candidates[best].reshape(-1, size).T
         cycles.append(Cycle.fit([phase], [values], harmonics=harmonics))
     return cycles

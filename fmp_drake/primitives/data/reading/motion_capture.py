@@ -1,0 +1,142 @@
+"""Readers of tables of motion capture: OptiTrack Motive and Vicon Nexus."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fmp_drake.errors import SkillFileError
+from fmp_drake.numeric import Array
+from fmp_drake.primitives.data.reading.table import (
+    ReadingOptions,
+    Table,
+    count_text,
+    unit_symbol,
+)
+from fmp_drake.primitives.data.reading.text import number_in, read_lines, split_cells
+
+# Sections of a Vicon file, the best first.
+_SECTIONS = ("Objects", "Segments", "Trajectories", "Model Outputs", "Joints")
+_RIGID = ("Rigid Body", "Bone")
+
+
+def is_vicon(text: bytes) -> bool:
+    """Return whether the first bytes of a file are those of a Vicon export."""
+    title, *lines = text.decode("utf-8-sig", "replace").splitlines()[:2] or [""]
+    rate = lines[0].strip(",; \t") if lines else ""
+    return title.strip(",; \t") in (*_SECTIONS, "Devices") and rate.isdecimal()
+
+
+def read_optitrack(path: Path, _options: ReadingOptions) -> list[Table]:
+    """Return the rigid bodies of an OptiTrack export, or its markers without any.
+
+    Raises
+    ------
+    SkillFileError
+        Where the file has no row `Frame, Time (Seconds), ...`.
+    """
+    rows = [split_cells(line, ",") for line in read_lines(path)]
+    head = next(
+        (i for i, row in enumerate(rows) if len(row) > 2 and row[0] == "Frame"), None
+    )
+    if head is None:
+        raise SkillFileError(
+            f"{path} has no row `Frame,Time (Seconds),X,...`; export it from Motive as "
+            ".csv with rigid bodies."
+        )
+    settings = dict(zip(rows[0][::2], rows[0][1::2], strict=False))
+    labels = {row[1]: row for row in rows[1:head] if len(row) > 2}
+    axes = rows[head]
+    types, bodies, kinds = (
+        [*labels.get(key, []), *[""] * len(axes)] for key in ("Type", "Name", "")
+    )
+    pose_columns = [
+        i for i in range(2, len(axes)) if kinds[i] in ("Position", "Rotation")
+    ]
+    columns = [i for i in pose_columns if types[i] in _RIGID] or pose_columns
+    omitted_bodies = {bodies[i] for i in pose_columns} - {bodies[i] for i in columns}
+    remark = "OptiTrack, " + ", ".join(dict.fromkeys(bodies[i] for i in columns))
+    if omitted_bodies:
+        remark += f"; {count_text(len(omitted_bodies), 'marker')} left out"
+    units = {
+        "Position": unit_symbol(settings.get("Length Units", "")),
+        "Rotation": "" if "W" in axes else "deg",
+    }
+    table = Table(
+        names=("time", *(f"{bodies[i]} {kinds[i]} {axes[i]}" for i in columns)),
+        units=("s", *(units[kinds[i]] for i in columns)),
+        numbers=(2, *(i + 1 for i in columns)),
+        values=_numbers(path, rows[head + 1 :], [1, *columns], head + 2),
+        remarks=(remark,),
+    )
+    return [table]
+
+
+def read_vicon(path: Path, _options: ReadingOptions) -> list[Table]:
+    """Return the objects, segments or trajectories of a Vicon export over time.
+
+    Raises
+    ------
+    SkillFileError
+        Where the file has none of these sections.
+    """
+    lines = read_lines(path)
+    delimiter = "\t" if any("\t" in line for line in lines[:5]) else ","
+    rows = [split_cells(line, delimiter) for line in lines]
+    starts = {
+        row[0]: i
+        for i, row in reversed(list(enumerate(rows[:-5])))
+        if row and row[0] in _SECTIONS and not any(row[1:])
+    }
+    title = next((name for name in _SECTIONS if name in starts), None)
+    if title is None:
+        raise SkillFileError(
+            f"{path} has none of the sections {', '.join(_SECTIONS)}; export the "
+            "trajectories from Nexus as ASCII."
+        )
+    start = starts[title]
+    rate = number_in(rows[start + 1][0])
+    subjects, axes, units = (rows[start + k] for k in (2, 3, 4))
+    # A name stands over the first of its columns.
+    subjects = [*subjects, *[""] * len(axes)]
+    for i in range(1, len(subjects)):
+        subjects[i] = subjects[i] or subjects[i - 1]
+    body = rows[start + 5 :]
+    body = body[: next((i for i, row in enumerate(body) if not any(row)), len(body))]
+    columns = [i for i, axis in enumerate(axes) if axis and i > 1]
+    values = _numbers(path, body, [0, 1, *columns], start + 6)
+    if not rate or not columns:
+        raise SkillFileError(f"{path} has no rate, or no columns, in {title}.")
+    values[:, 1] = (values[:, 0] - values[0, 0]) / rate
+    table = Table(
+        names=("time", *(_vicon_name(subjects[i], axes[i]) for i in columns)),
+        units=("s", *(units[i] if i < len(units) else "" for i in columns)),
+        numbers=(2, *(i + 1 for i in columns)),
+        values=values[:, 1:],
+        remarks=(f"Vicon, {title} at {rate:g} Hz",),
+    )
+    return [table]
+
+
+def _vicon_name(subject: str, axis: str) -> str:
+    """Return the name of a column; RX and TX become a rotation and a position."""
+    kind = {"R": "Rotation", "T": "Position"}.get(axis[0])
+    return f"{subject} {kind} {axis[1]}" if kind and axis[1:] else f"{subject} {axis}"
+
+
+def _numbers(
+    path: Path, rows: Sequence[Sequence[str]], columns: Sequence[int], first: int
+) -> Array:
+    """Return the numbers in some columns, NaN in empty cells, shape (N, len(columns))."""
+    out = []
+    for line, row in enumerate(rows, first):
+        if not any(row):
+            continue
+        cells = [row[i] if i < len(row) else "" for i in columns]
+        numbers = [number_in(cell) for cell in cells]
+        if None in numbers:
+            raise SkillFileError(
+                f"{path}: line {line}: {cells[numbers.index(None)]!r} is not a number."
+            )
+        out.append(numbers)
+    return np.array(out, dtype=float).reshape(-1, len(columns))
