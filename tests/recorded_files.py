@@ -947,6 +947,22 @@ def vicon_section(title, subject, axes, units, columns):
     )
 
 
+def trc(folder):
+    settings = (
+        "PathFileType\t4\t(X/Y/Z)\td.trc\n"
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\n"
+        f"{RATE}\t{RATE}\t{len(TIME)}\t1\tmm\t{RATE}\n"
+        "Frame#\tTime\tWand\t\t\t\n\t\tX1\tY1\tZ1\t\n\n"
+    )
+    counts = range(1, len(TIME) + 1)
+    columns = lines(counts, TIME, *1e3 * PATH.T, delimiter="\t")
+    return write(folder, settings + columns, "d.trc")
+
+
+def trc_without_header(folder):
+    return write(folder, "PathFileType\t4\t(X/Y/Z)\td.trc\n1\t0.0\t1.0\n", "d.trc")
+
+
 def vicon_trajectories(folder):
     devices = vicon_section("Devices", "Plate", ["Fx"], ["N"], np.ones((4000, 1)))
     markers = vicon_section(
@@ -1170,6 +1186,13 @@ def json_of_pandas(folder):
         name: {str(i): value for i, value in enumerate(column)}
         for name, column in zip("txyz", [TIME.tolist(), *PATH.T.tolist()], strict=True)
     }
+    return write(folder, json.dumps(content), "d.json")
+
+
+def json_columns_with_gaps(folder):
+    position = PATH.tolist()
+    position[0], position[9], position[10] = None, None, []
+    content = {"time": TIME.tolist(), "position": position}
     return write(folder, json.dumps(content), "d.json")
 
 

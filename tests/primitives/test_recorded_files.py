@@ -84,6 +84,7 @@ POSITIONS = (
     files.parquet,
     files.optitrack_two_bodies,
     files.vicon_trajectories,
+    files.trc,
     files.vicon_objects,
     files.hdf5_of_someone,
     files.hdf5_of_matlab,
@@ -186,6 +187,7 @@ REFUSED = {
     files.optitrack_without_header: "no row `Frame,Time .* export it from Motive",
     files.vicon_two_markers: r"30 of 400 samples have no value of Wand:B X, .*; several positions \(Wand:A X, "
     r"Wand:B X \.\.\.\): choose with --columns 'x=Wand:A X,y=Wand:A Y,z=Wand:A Z'$",
+    files.trc_without_header: "no row `Frame#`, `Time` ... below its settings",
     files.vicon_without_positions: "none of the sections Objects, .* from Nexus",
     files.aloha: "no column holds the time; .*--sample-rate 100",
     files.bytes_of("d.csv", b"1,2\0\0\0,3"): "not a text file",
@@ -576,8 +578,9 @@ def test_several_recordings_in_a_file_are_read(make, tmp_path):
         assert_allclose(demonstration.values, files.PATH + k, atol=1e-12)
 
 
-def test_samples_without_a_value_in_json_are_left_out(tmp_path):
-    (found,), remarks = read(files.json_with_gaps, tmp_path)
+@pytest.mark.parametrize("make", [files.json_with_gaps, files.json_columns_with_gaps])
+def test_samples_without_a_value_in_json_are_left_out(make, tmp_path):
+    (found,), remarks = read(make, tmp_path)
     known = np.delete(np.arange(400), [0, 9, 10])
     assert_allclose(found.time, files.TIME[known], atol=1e-9)
     assert_allclose(found.values, files.PATH[known], atol=1e-12)

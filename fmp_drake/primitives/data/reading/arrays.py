@@ -161,7 +161,11 @@ def _recordings(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     count = min(map(len, lists.values()), default=0)
     if any(len(value) != count for value in lists.values()):
         return [content]
-    shared = {name: value for name, value in others.items() if np.size(value) == 1}
+    shared = {
+        name: value
+        for name, value in others.items()
+        if not isinstance(value, list | Mapping) and np.size(value) == 1
+    }
     recordings: list[Mapping[str, Any]] = []
     for i in range(count):
         items = {name: value[i] for name, value in lists.items()}
@@ -353,23 +357,26 @@ def _json_columns(path: Path, content: Any) -> dict[str, NDArray[Any]]:
             stem = "" if has_one else f"{name}."
             columns |= {f"{stem}{n}": a for n, a in _object_columns(value).items()}
         else:
-            columns[name] = np.asarray(value)
+            column = _column(value) if isinstance(value, list) else None
+            columns[name] = np.asarray(value) if column is None else column
     return columns
 
 
 def _object_columns(objects: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
     """Return the arrays over a list of objects, NaN where a value is missing."""
     rows = [dict(_flat(item)) for item in objects]
-    columns = {}
-    for name in dict.fromkeys(name for row in rows for name in row):
-        found = [row.get(name) for row in rows]
-        shapes = {np.shape(value) for value in found if value not in (None, [])}
-        if len(shapes) == 1:
-            missing = np.full(shapes.pop(), np.nan)
-            columns[name] = np.array(
-                [missing if value in (None, []) else value for value in found]
-            )
-    return columns
+    names = dict.fromkeys(name for row in rows for name in row)
+    columns = {name: _column([row.get(name) for row in rows]) for name in names}
+    return {name: column for name, column in columns.items() if column is not None}
+
+
+def _column(values: list[Any]) -> NDArray[Any] | None:
+    """Return values of one shape, NaN for missing ones; None where shapes differ."""
+    shapes = {np.shape(value) for value in values if value not in (None, [])}
+    if len(shapes) != 1:
+        return None
+    missing = np.full(shapes.pop(), np.nan)
+    return np.array([missing if value in (None, []) else value for value in values])
 
 
 def _is_objects(content: Any) -> bool:

@@ -147,6 +147,7 @@ _FIRST_BYTES: dict[bytes, _Reader] = {
     b"MATLAB 7.3": datasets.read_hdf5,
     b"\x1f\x8b": _read_packed,
     b"Format Version,": motion_capture.read_optitrack,
+    b"PathFileType": motion_capture.read_trc,
 }
 _ALTERNATIVES = (
     "; a demonstration is a table (.csv, .tsv, .txt, .xlsx; OptiTrack, Vicon), .npz, .npy, "

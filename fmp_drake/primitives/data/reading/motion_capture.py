@@ -1,4 +1,4 @@
-"""Readers of tables of motion capture: OptiTrack Motive and Vicon Nexus."""
+"""Readers of tables of motion capture: OptiTrack Motive, Vicon Nexus, TRC."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -114,6 +114,35 @@ def read_vicon(path: Path, _options: ReadingOptions) -> list[Table]:
         numbers=(2, *(i + 1 for i in columns)),
         values=values[:, 1:],
         remarks=(f"Vicon, {title} at {rate:g} Hz",),
+    )
+    return [table]
+
+
+def read_trc(path: Path, _options: ReadingOptions) -> list[Table]:
+    """Return the markers of a TRC file, as of OpenSim.
+
+    Raises
+    ------
+    SkillFileError
+        Where the file has no row `Frame#, Time, ...`, or no numbers.
+    """
+    rows = [split_cells(line, "\t") for line in read_lines(path)]
+    head = next((i for i, row in enumerate(rows) if row[:1] == ["Frame#"]), None)
+    if head is None or head < 2:
+        raise SkillFileError(
+            f"{path} has no row `Frame#`, `Time` ... below its settings."
+        )
+    settings = dict(zip(rows[head - 2], rows[head - 1], strict=False))
+    # A name stands over the first of its three columns.
+    markers = [name for name in rows[head][2:] if name]
+    columns = list(range(2, 2 + 3 * len(markers)))
+    unit = unit_symbol(settings.get("Units", ""))
+    table = Table(
+        names=("time", *(f"{marker} {axis}" for marker in markers for axis in "xyz")),
+        units=("s", *[unit] * len(columns)),
+        numbers=(2, *(i + 1 for i in columns)),
+        values=_numbers(path, rows[head + 2 :], [1, *columns], head + 3),
+        remarks=(f"TRC, {count_text(len(markers), 'marker')}",),
     )
     return [table]
 

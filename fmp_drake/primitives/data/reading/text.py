@@ -200,7 +200,7 @@ def _rows_of_one(
         return None
     if topic not in kinds:
         raise SkillFileError(
-            f"{path}: {name or 'a column'} alternates: its rows are of several things; "
+            f"{path}: {name} alternates: its rows are of several things; "
             f"{topic_choice(kinds)}"
         )
     return np.asarray(column == topic)
