@@ -123,6 +123,12 @@ def stamps_without_names(folder):
     return write(folder, lines(whole, rest, frame, *PATH.T), columns="x=4,y=5,z=6")
 
 
+def poses_behind_stamps_without_names(folder):
+    whole, rest = STAMPS // 10**9, STAMPS % 10**9
+    frame = ["base"] * len(TIME)
+    return write(folder, lines(whole, rest, frame, *PATH.T, *QUATERNIONS.T))
+
+
 def stamps_beside_the_time(folder):
     columns = lines(
         TIME, STAMPS // 10**9, STAMPS % 10**9, *PATH.T, header="time,sa,sb,x,y,z"

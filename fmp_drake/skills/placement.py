@@ -359,12 +359,13 @@ def place_on_board(
     if not set(POSITION_CHANNELS) <= set(names):
         robot = FindRobot(demonstration, robot=scenario.robot)
         if robot is not None:
+            joints = RobotJoints(demonstration, robot=robot)
             demonstration = EraserPath(
                 demonstration, eraser=scenario.eraser, robot=robot
             )
             remarks.append(
                 f"the eraser's path by the forward kinematics of {Path(robot).stem}, from "
-                f"{', '.join(names)}"
+                f"{', '.join(joints)}"
             )
         elif {"x", "y"} <= set(names):
             flat = demonstration.select(POSITION_CHANNELS[:2])

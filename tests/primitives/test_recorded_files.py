@@ -136,6 +136,7 @@ POSES = (
     files.npz_of_matrices,
     files.npz_of_poses,
     files.tum_without_header,
+    files.poses_behind_stamps_without_names,
     files.quaternion_from_1,
     files.quaternion_without_a_word,
     files.lists_in_cells,

@@ -62,7 +62,7 @@ def column_groups(
             numbered.setdefault(match[1], {}).setdefault(int(match[2]), i)
     if not any(keys):  # A table of poses without a header.
         count = len(keys)
-        width = next((n for n in (7, 16) if n in (count, count - 1)), 0)
+        width = next((n for n in (7, 16) if 0 <= count - n <= 2), 0)
         numbered = {"": {n: count - width + n for n in range(width)}}
     for prefix, members in numbered.items():
         count, numbers = len(members), sorted(members)
