@@ -452,7 +452,7 @@ class _Check:
             return {"largest_torque_ratio": ratio}
         if friction_lag * force > tolerance:
             self._faults.append(
-                f"at a normal force of {force:g} N friction holds the eraser "
+                f"at a normal force of {force:.3g} N friction holds the eraser "
                 f"{1e3 * friction_lag * force:.1f} mm behind its path"
             )
         if force > limit > 1:
