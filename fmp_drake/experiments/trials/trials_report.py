@@ -218,9 +218,9 @@ class TrialsReport:
             shows=f"{accurate} of {n} trials, {_percent(accurate, n)}. Trials with disturbances "
             f"are judged only by their greatest normal force.{remark if high else ''}",
             claim=f"Of the feasible trials at least {100 * _REQUIRED_RATE:.0f} % stay "
-            f"within their tolerance, {tolerance} mm rms, of their path and, without disturbances, "
-            f"within 5 N of the desired force for {100 * LEAST_PRESSED:.0f} % of the time "
-            f"in contact. A force of the skill is followed to {MOST_FORCE_ERROR:g} N rms, its "
+            f"within their tolerance, {tolerance} mm rms, of their path and, without "
+            f"disturbances, within 5 N of the desired force for {100 * LEAST_PRESSED:.0f} % "
+            f"of the time in contact. A force of the skill is followed to {MOST_FORCE_ERROR:g} N rms, its "
             f"orientation to {MOST_TILT:g} degrees ({MOST_TILT_WITH_FRICTION:g} with joint "
             "friction).",
             agrees=n > 0 and accurate >= _REQUIRED_RATE * n,
@@ -414,8 +414,8 @@ def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
     Parameters
     ----------
     groups : mapping of str to sequence of pairs
-        For each trial the rms path error, in tolerances, and the fraction of the time in contact
-        within 5 N of the desired force.
+        For each trial the rms path error, in tolerances, and the fraction of the time in
+        contact within 5 N of the desired force.
     """
     figure = Figure(figsize=(12, 3.6), layout="constrained")
     path_axes, force_axes = figure.subplots(1, 2, sharey=True)

@@ -43,8 +43,10 @@ _QUATERNION = re.compile(
     r"([xyzw])"
 )
 JOINT = re.compile(
-    r"(?:(.*)[_./])?(?:joints?(?:_(?:pos(?:itions?)?|angles?|states?))?"
-    r"|(?<!joint_)positions|qpos|jpos|theta|axis|q|j|a)[_.[ ]?(\d)\]?(?:[_./](?:pos(?:ition)?|angle))?",
+    r"(?:(.*)[_./])?"
+    r"(?:joints?(?:_(?:pos(?:itions?)?|angles?|states?))?"
+    r"|(?<!joint_)positions|qpos|jpos|theta|axis|q|j|a)"
+    r"[_.[ ]?(\d)\]?(?:[_./](?:pos(?:ition)?|angle))?",
     re.IGNORECASE,
 )
 """Name of a joint's angle: a prefix, if any, and the joint's number."""
@@ -67,8 +69,8 @@ NO_POSITION = re.compile(
 _UNITS = (
     (
         re.compile(
-            r"(.*_)?(joints?(_angles?|_states?|_positions)?|theta|q|qpos|(?<!wrist_)(?<!forearm_)(angle|roll|pitch|yaw)|r[xyz])"
-            r"_?\d*(_pos(ition)?)?"
+            r"(.*_)?(joints?(_angles?|_states?|_positions)?|theta|q|qpos|r[xyz]"
+            r"|(?<!wrist_)(?<!forearm_)(angle|roll|pitch|yaw))_?\d*(_pos(ition)?)?"
         ),
         "rad",
     ),

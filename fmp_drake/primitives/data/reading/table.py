@@ -36,6 +36,7 @@ _SYMBOLS = {
     **dict.fromkeys(("degrees", "degree"), "deg"),
 }
 _SUFFIXES = "|".join(sorted({*TIMES, *LENGTHS, *ANGLES}, key=len, reverse=True))
+# Columns that only count, and axes before the word for a position.
 _COUNTER = re.compile(
     r"|unnamed_0|(.*_)?(index|idx|seq|frame|frame_number|sample|count|counter|row|no|id|i|n)"
 )
