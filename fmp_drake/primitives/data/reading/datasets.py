@@ -24,10 +24,11 @@ from fmp_drake.primitives.data.reading.table import (
 _STATE = "observation.state"
 # Datasets that are read unless others are named: robomimic's pose, ALOHA's joints.
 _POSE = re.compile(r"(?!next_)(?:.*/)?(\w*eef?|tcp)_(pos|quat)")
+_JOINTS = re.compile(r"(?:.*/)?observations/qpos")
+# Datasets that are read only where there are no others.
 _COMMANDS = re.compile(r"actions?(/|$)")
 # Groups of one episode each beside one another.
 _EPISODE = re.compile(r"(traj|trajectory|episode|demo|demonstration)_?\d+")
-_JOINTS = re.compile(r"(?:.*/)?observations/qpos")
 
 
 def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
