@@ -1,6 +1,7 @@
 """Compilation of the functions of stations before a run."""
 
 import atexit
+import gc
 import inspect
 import os
 import subprocess
@@ -24,9 +25,14 @@ from fmp_drake.systems.ink.mesh import corner_shades, ink_mesh
 from fmp_drake.systems.ink.rubbing import Cells, compile_rubbing
 from fmp_drake.systems.page.paths import rod_mesh
 
-# os._exit does not free the compiler's memory, which would take another second.
+# The law needs nothing that the package `systems` imports, which would take a second. Another
+# second would be the time to free the compiler's memory, which os._exit does not do.
 _COMPILE_STEP = """
-import os
+import os, sys, types
+import fmp_drake
+systems = types.ModuleType("fmp_drake.systems")
+systems.__path__ = [os.path.join(fmp_drake.__path__[0], "systems")]
+sys.modules[systems.__name__] = systems
 from fmp_drake.systems.impedance.compilation import compile_step
 compile_step()
 os._exit(0)
@@ -54,6 +60,9 @@ class LawCompilation:
         if any(cache.glob(f"*.{python.__name__}-*.nbc")):
             return
         announcer.on_start()
+        # Nearly all of the compiler's objects live until its end: a search for garbage among
+        # them takes a tenth of the time.
+        gc.disable()
         cache_dir = numba.config.CACHE_DIR  # type: ignore[attr-defined]
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _COMPILE_STEP],
@@ -76,11 +85,14 @@ class LawCompilation:
         """
         if self._process is None:
             return
-        yield self._fraction()
-        _compile_ink()
-        while self._process.poll() is None:
+        try:
             yield self._fraction()
-            time.sleep(0.1)
+            _compile_ink()
+            while self._process.poll() is None:
+                yield self._fraction()
+                time.sleep(0.1)
+        finally:
+            gc.enable()
 
     def _fraction(self) -> float:
         # The last function, which includes the others, takes a quarter of the time.
