@@ -295,11 +295,19 @@ def test_tracking_error_is_the_root_sum_of_squares(bundled_skill):
     assert values["deviation"] > 1e-4
 
 
+def pressed_fraction(found):
+    """Return the fraction of the samples that are near enough to the board to press."""
+    return np.mean(found.paths[..., 2] < Scenario().press.engage_height)
+
+
 def test_normal_force_whose_friction_holds_the_eraser_back_is_refused(bundled_skill):
     found = check(bundled_skill, press=34.0)
     assert not found.is_feasible
-    # 0.5 * 34 N at 1500 N/m; a run of 10 s was 11.6 mm rms off its path.
-    assert_allclose(found.values["friction_lag"], 0.01133, rtol=1e-3)
+    # 0.5 * 34 N at 1500 N/m, nearly all the time; a run of 10 s was 11.6 mm rms off its path.
+    fraction = pressed_fraction(found)
+    assert 0.98 < fraction < 0.995
+    expected = np.sqrt(fraction) * 0.5 * 34 / 1500
+    assert found.values["friction_lag"] == pytest.approx(expected)
     assert "press with at most 30 N" in found.verdict
 
 
@@ -308,7 +316,8 @@ def test_normal_force_is_limited_by_the_tolerance(bundled_skill):
     scenario = Scenario(tolerance=0.0030)
     found = CheckFeasibility(scenario, bundled_skill)
     assert not found.is_feasible
-    assert found.values["largest_press"] == pytest.approx(9.0)
+    expected = 9.0 / np.sqrt(pressed_fraction(found))
+    assert found.values["largest_press"] == pytest.approx(expected)
     scenario.tolerance = 0.0034
     assert CheckFeasibility(scenario, bundled_skill).is_feasible
 
@@ -355,7 +364,7 @@ def test_friction_holds_a_soft_eraser_farther_behind_its_path(bundled_skill):
     scenario.impedance.covariance_stiffness.enabled = True
     found = CheckFeasibility(scenario, bundled_skill)
     # 0.5 * 10 N at the geometric mean of 300 and 1500 N/m.
-    expected = 5 / np.sqrt(300 * 1500)
+    expected = np.sqrt(pressed_fraction(found)) * 5 / np.sqrt(300 * 1500)
     assert found.values["friction_lag"] == pytest.approx(expected, rel=1e-6)
 
 
@@ -376,8 +385,9 @@ def test_force_of_a_skill_counts_as_its_normal_force():
     shown = demonstration(height=-0.004, force=(0.3, 0.2))
     found = CheckFeasibility(Scenario(), FourierMovementPrimitive().fit(shown))
     assert found.is_feasible
-    # 0.5 * 0.5 N at 1500 N/m, whatever the scenario says.
-    assert found.values["friction_lag"] == pytest.approx(0.5 * 0.5 / 1500, rel=0.1)
+    # The rms of 0.3 + 0.2 cos, at 1500 N/m, whatever the scenario says.
+    expected = 0.5 * np.hypot(0.3, 0.2 / np.sqrt(2)) / 1500
+    assert found.values["friction_lag"] == pytest.approx(expected, rel=0.05)
 
 
 @pytest.mark.usefixtures("no_remedy")

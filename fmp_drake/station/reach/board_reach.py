@@ -226,7 +226,7 @@ class BoardReach:
         motion = self.follow(X_WB, path, moved=-self.rail, step=1.0, postures=preferred)
         return motion.q[:, -1]
 
-    def _pressed(self, paths: Array, boards: int) -> Mask:
+    def pressed(self, paths: Array, boards: int) -> Mask:
         """Return whether paths (B, T, 3) are in desired contact, shape (boards * B, T)."""
         is_low = paths[..., 2] < self._scenario.press.engage_height
         return np.tile(is_low, (boards, 1))
@@ -286,7 +286,7 @@ class BoardReach:
             R_WT,
             q_posture=np.repeat(postures, len(paths), axis=0),
             step=step,
-            pressed=self._pressed(paths, len(X_WB)),
+            pressed=self.pressed(paths, len(X_WB)),
         )
 
     def missed(
@@ -367,7 +367,7 @@ class BoardReach:
         """
         depth = motion.error[..., 5]
         depth = depth - np.clip(depth, -RESIDUAL, RESIDUAL)
-        pressed = self._pressed(paths, len(motion.q) // len(paths))
+        pressed = self.pressed(paths, len(motion.q) // len(paths))
         felt = np.where(pressed, self._contact.stiffness * depth, 0.0)
         return deviation.force + felt
 

@@ -57,7 +57,7 @@ class Feasibility:
         ``smallest_clearance`` of the arm's links from the board (m);
         ``largest_speed_ratio`` and ``largest_torque_ratio`` to the joints' limits;
         ``deviation`` (rms, m) of the eraser where joints are braked, nearly singular or at
-        their limits; ``friction_lag`` (m); the predicted ``tracking_error`` (rms, m);
+        their limits; ``friction_lag`` of the eraser (rms, m); the predicted ``tracking_error`` (rms, m);
         ``force_error`` (rms, N), and ``unsteady_fraction`` of the samples at which poses out
         of reach and such joints change the normal force by more than 5 N;
         ``push_deviation``, the height to which scripted pushes lift the eraser
@@ -179,13 +179,17 @@ class _Check:
             vectors = values[..., list(roles.rotation)].reshape(-1, 3)
             R_TE = rotations_of(vectors, roles.reference).as_matrix()
             self._R_TE = R_TE.reshape(*self._paths.shape, 3)
+        boards = 1 + bool(any([*board.error.translation, *board.error.rpy]))
         # Normal force at each sample, N.
         self._force: Array | float = scenario.nominal_force()
         if roles.force is not None:
             largest_force = max(skill.extent_[1, roles.force], 0.0)
             force = np.clip(values[..., roles.force], 0.0, largest_force)
-            X_WBs = 1 + bool(any([*board.error.translation, *board.error.rpy]))
-            self._force = np.tile(force, (X_WBs, 1))
+            self._force = np.tile(force, (boards, 1))
+        # The eraser lags behind its path by friction where it presses, rms, m.
+        pressed = self._reach.pressed(self._paths, boards)
+        friction = self._compliance() * scenario.contact_friction()
+        self._friction_lag = friction * _rms(np.where(pressed, self._force, 0.0))
         # Each path starts at another position of the board on its rail, the first at its end.
         count, length = self._paths.shape[:2]
         omega, rail = 2 * math.pi * board.motion.frequency, self._reach.rail
@@ -372,8 +376,7 @@ class _Check:
         )
         is_near, is_missed = clearance < bounds.clearance, far | tilted
         distance, tilt = lengths(motion.error, has_rotation=has_rotation)
-        friction_lag = self._friction_lag() * float(np.max(self._force))
-        rms = math.hypot(_rms(distance), lag, friction_lag)
+        rms = math.hypot(_rms(distance), lag, self._friction_lag)
         is_far = self._is_frequent(far) and (
             rms > self._most_error or self._is_frequent(distance > bounds.farthest)
         )
@@ -436,7 +439,7 @@ class _Check:
     def _judge_force(self, motion: PredictedMotion) -> Values:
         bounds, force = self._bounds, float(np.max(self._force))
         effort = self._reach.limits.upper_effort
-        friction_lag, tolerance = self._friction_lag(), self._scenario.tolerance
+        friction_lag, tolerance = self._friction_lag, self._scenario.tolerance
         torque, per_newton = motion.torque / effort, motion.force_torque / effort
         forces = np.asarray(self._force)[..., None]
         ratio = np.quantile(
@@ -445,21 +448,23 @@ class _Check:
         reserve = bounds.torque_fraction - np.sign(per_newton) * torque
         limits = np.min(reserve / np.maximum(np.abs(per_newton), 1e-9), axis=-1)
         torque_limit = np.quantile(np.maximum(limits, 0.0), bounds.exceptions)
-        limit = min(float(torque_limit), tolerance / max(friction_lag, 1e-9))
+        limit = float(torque_limit)
+        if friction_lag > 0:
+            limit = min(limit, force * tolerance / friction_lag)
         if ratio > bounds.torque_fraction and not self._faults:
             self._faults.append(f"a joint needs {100 * ratio:.0f} % of its torque")
         if not self._scenario.has_board:
             return {"largest_torque_ratio": ratio}
-        if friction_lag * force > tolerance:
+        if friction_lag > tolerance:
             self._faults.append(
                 f"at a normal force of {force:.3g} N friction holds the eraser "
-                f"{1e3 * friction_lag * force:.1f} mm behind its path"
+                f"{1e3 * friction_lag:.1f} mm rms behind its path"
             )
         if force > limit > 1:
             self._softer = limit
         return {
             "largest_torque_ratio": ratio,
-            "friction_lag": friction_lag * force,
+            "friction_lag": friction_lag,
             "largest_press": limit,
         }
 
@@ -477,8 +482,7 @@ class _Check:
         if self._faults:
             return values
         # Friction does not make runs worse than predicted.
-        friction_lag = self._friction_lag() * float(np.max(self._force))
-        distance = math.hypot(lag, bounds.tracking_error * friction_lag)
+        distance = math.hypot(lag, bounds.tracking_error * self._friction_lag)
         text, allowed = "", bounds.constant_force_error
         if np.ndim(self._force):
             allowed = bounds.force_error
@@ -488,7 +492,8 @@ class _Check:
             )
         elif distance > self._most_error or turn > bounds.tilt:
             text = (
-                f"the tool is off its path by {1e3 * math.hypot(lag, friction_lag):.1f} mm "
+                "the tool is off its path by "
+                f"{1e3 * math.hypot(lag, self._friction_lag):.1f} mm "
                 f"and {np.rad2deg(turn):.1f} degrees rms"
             )
         elif has_board and unsteady > bounds.unsteady:
@@ -519,14 +524,14 @@ class _Check:
             )
         return {"push_deviation": found.lift}
 
-    def _friction_lag(self) -> float:
-        """Return the lag of the eraser by friction per newton of normal force, m/N."""
+    def _compliance(self) -> float:
+        """Return the distance by which the eraser yields along the board, m/N."""
         config = self._scenario.impedance
         stiffness = min(config.translational_stiffness[:2])
         soft = config.covariance_stiffness
         if soft.enabled:  # The geometric mean of the range.
             stiffness = math.sqrt(soft.min_stiffness * soft.max_stiffness)
-        return self._scenario.contact_friction() / stiffness
+        return 1 / stiffness
 
 
 def _rms(values: Array) -> float:
