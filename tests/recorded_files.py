@@ -1050,6 +1050,7 @@ def aloha(folder):
     arrays = {
         "observations/qpos": JOINTS,
         "observations/qvel": JOINTS,
+        "observations/knee_pos": np.zeros((400, 3)),
         "observations/images/top": np.zeros((400, 2, 2, 3), np.uint8),
         "action": JOINTS,
     }

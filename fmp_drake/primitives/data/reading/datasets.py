@@ -23,7 +23,7 @@ from fmp_drake.primitives.data.reading.table import (
 # The feature of a dataset that is read unless another is named.
 _STATE = "observation.state"
 # Datasets that are read unless others are named: robomimic's pose, ALOHA's joints.
-_POSE = re.compile(r"(?!next_)(?:.*/)?(\w*eef?|tcp)_(pos|quat)")
+_POSE = re.compile(r"(?!next_)(?:.*/)?((\w*_)?ee|\w*eef|tcp)_(pos|quat)")
 _JOINTS = re.compile(r"(?:.*/)?observations/qpos")
 # Datasets that are read only where there are no others.
 _COMMANDS = re.compile(r"actions?(/|$)")
