@@ -40,8 +40,8 @@ def AddArmController(
     config : ImpedanceConfig
         The robot's values replace missing ones.
     driver : Driver, optional
-        A simulated arm with ideal sensors by default. The controller has its period, if it
-        requires one.
+        A simulated arm with ideal sensors by default. If the driver requires a period, the
+        controller has the same.
     lcm : DrakeLcmInterface, optional
         As for `MakeDriver`.
     contact_height : float

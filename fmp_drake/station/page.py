@@ -97,7 +97,7 @@ def ShowStill(scenario: Scenario, meshcat: Meshcat) -> None:
     ----------
     scenario : Scenario
     meshcat : Meshcat
-        A station with a page clears it before it draws.
+        A station clears the picture before it draws its own.
     """
     builder = DiagramBuilder()
     scene = AddBoardScene(

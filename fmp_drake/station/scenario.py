@@ -275,7 +275,7 @@ def _Parse(
 
 
 def _Locate(scenario: Scenario, folder: Path) -> None:
-    """Make the paths in a scenario relative to its folder."""
+    """Resolve the paths in a scenario, which are relative to its folder."""
     skill, ink = scenario.skill, scenario.ink
     if skill.demonstration.endswith((".csv", ".npz")):
         skill.demonstration = str(folder / skill.demonstration)

@@ -145,7 +145,7 @@ class BoardConfig:
     axis : str
         Of a cylinder: `x` or `y` of B.
     translation : list of 3 floats
-        p_WB, the centre of the surface in the frame of the robot's base, m.
+        p_WB, the centre of the surface in the world, m.
     rpy : list of 3 floats
         Roll, pitch, yaw of R_WB, rad; z of B is the normal out of the surface.
     size : list of 2 floats
@@ -355,7 +355,7 @@ class SensorConfig:
 
 @dataclass(kw_only=True)
 class CameraConfig:
-    """Camera of the page and of films, in the frame of the robot's base, m.
+    """Camera of the page and of films, in the world, m.
 
     Examples
     --------

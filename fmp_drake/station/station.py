@@ -64,7 +64,7 @@ def MakeStation(
 
     Desired and measured motion are in the frame B of the board. The initialisation of a
     Simulator maps the measured start to the skill. For a plant without a time step
-    (CENIC) give it the scenario's integrator:
+    (CENIC) give the Simulator the scenario's integrator:
     ``ApplySimulatorConfig(scenario.simulator, simulator)``. This Drake function sets the
     time of the simulator's context to 0: restore a saved context after it, not before.
 
@@ -139,8 +139,8 @@ def MakeStation(
         Page of the scene, with the items of the scenario's `show`.
     panel : PagePanel, optional
         Panel for the status of the run.
-    demonstrated : sequence of ndarray, shape (N, 3)
-        Paths in B to show, m.
+    demonstrated : sequence of ndarray, shape (N, D)
+        Channels of the demonstrations to show; positions in B, m.
 
     Raises
     ------

@@ -26,7 +26,7 @@ from fmp_drake.systems.ink.rubbing import Cells, compile_rubbing
 from fmp_drake.systems.page.paths import rod_mesh
 
 # The law needs nothing that the package `systems` imports, which would take a second. Another
-# second would be the time to free the compiler's memory, which os._exit does not do.
+# second would be needed to free the compiler's memory: os._exit skips that.
 _COMPILE_STEP = """
 import os, sys, types
 import fmp_drake

@@ -1,4 +1,4 @@
-"""Commands on the bus of an arm, counted."""
+"""Newest command on an arm's LCM bus, and the number of commands."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from pydrake.systems.lcm import LcmSubscriberSystem, SerializerInterface
 
 
 class CommandListener(LeafSystem):
-    """Newest command on a channel of LCM, and the number of commands so far.
+    """Newest command on an LCM channel, and the number of commands so far.
 
     An `LcmSubscriberSystem` keeps the newest message only. The count tells whether
     others came before it; both are read at the same instant. Another system, such as an
@@ -27,7 +27,7 @@ class CommandListener(LeafSystem):
     lcm : DrakeLcmInterface
     channel : str
     serializer : SerializerInterface
-        Of bytes.
+        For raw bytes.
     period : float
         Time between two readings, s.
     """

@@ -35,7 +35,7 @@ class EraseTimes(LeafSystem):
     initial_ink : array_like, N numbers
         Ink at the start, from 0 to 1.
     period : float
-        Of the ink, s.
+        Time between two changes of the ink, s.
 
     Raises
     ------

@@ -40,8 +40,8 @@ MAX_TEMPO = 4.0
 _TEMPO_RATE = 5.0
 # Time constant of the offset after a re-mapping to a pushed robot, s.
 _PUSHED_BLEND_TIME = 0.15
-# Largest distance of a plausible measured value from the middle, in widths of the
-# demonstrated values of its unit, and the least value of that distance.
+# A measured value is plausible up to this distance from the middle of the demonstrated
+# values, in widths of the widest channel of its unit; at least up to the distance below.
 _PLAUSIBLE_WIDTHS = 10.0
 _PLAUSIBLE = {"m": 2.0, "rad": 4 * math.pi}
 # Time for which the last plausible measurement is used instead of a missing one, s.
@@ -60,9 +60,9 @@ class FourierPrimitiveSystem(LeafSystem):
     they are exact at every time between two events, and no re-mapping makes them jump.
 
     In the reactive mode the movement waits for a robot that is pushed off its path: it
-    slows down above half of `push_threshold` and stands still beyond it. After
-    `push_dwell` beyond it the last K measured positions are mapped to a
-    new window, so that the movement continues from the present position of the robot.
+    slows down above half of `push_threshold` and stands still beyond it. After a push of
+    `push_dwell` the last K measured positions are mapped to a new window, so that the
+    movement continues from the present position of the robot.
 
     A measured position that is not finite, or far outside the demonstrations, is an error
     at initialisation. Later, in the reactive mode, the last plausible one is used instead,
@@ -101,14 +101,14 @@ class FourierPrimitiveSystem(LeafSystem):
         Phase of the desired motion, rad, from 0 to 2 pi; only where the skill has a
         phase model.
     plan : (P*D,)
-        Desired positions at the ticks from the last event on, without disturbances.
+        Desired positions at the last event and the ticks after it, without disturbances.
     plan_covariance : (P*D*D,)
-        Of the plan (18), with the errors of predictions.
+        Of the plan: (18) and the prediction errors.
     remaps : (2,)
         Number of re-mappings, and of the reactive ones among them.
     measurement_age : (1,)
         Time since the measured position was plausible, s; 0 while it is, and outside the
-        reactive mode. From 0.5 s on the movement stands still.
+        reactive mode. At 0.5 s or more the movement stands still.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class FourierPrimitiveSystem(LeafSystem):
         Distance between measured and desired position above which the robot counts as
         pushed, over the channels in m (over all where none is); None for no reactive mode.
     push_dwell : float
-        Duration of a push before the motion is mapped, s.
+        Duration of a push before the measured motion is mapped, s.
     plan_seconds : float
         Length of the plan, s.
     choice : CoverageChoice, optional
@@ -182,8 +182,8 @@ class FourierPrimitiveSystem(LeafSystem):
         for name, value in (("push_dwell", push_dwell), ("plan_seconds", plan_seconds)):
             check_number(value, name, above=0, unit="s", error=SystemsError)
         self._push_threshold = push_threshold
-        # The distance of a push is measured in the lengths, without rotations and
-        # forces.
+        # The distance of a push is measured over the channels in m, without rotations
+        # and forces.
         lengths = [i for i, unit in enumerate(skill.units_) if unit == "m"]
         self._lengths = lengths or list(range(skill.n_channels_))
         low, high = skill.extent_

@@ -170,7 +170,7 @@ class HumanHand(LeafSystem):
             R_BT, offset = self._to_tangent(p_BE, target)
             R_WE = self._X_WB.rotation() @ R_BT @ self._R_TE
             w_WE = w_WE - self._normal_rotation(target, target_velocity)
-            # The frame from here on is T, which is B on a plane.
+            # The frame below is T, which is B on a plane.
             R_BW, target, p_BE = R_BT.inverse() @ R_BW, offset, np.zeros(3)
         f_B = -DAMPING * (R_BW @ V_WE.translational())
         f_B[:n] += STIFFNESS * (target - p_BE[:n])

@@ -76,8 +76,8 @@ class InkBoard(LeafSystem):
     - `ink`, size ny nx: fraction of the ink left in each cell; discrete state.
     - `cleaned_fraction`, size 1: fraction of the initially inked cells (those
       with 10 % or more) that are clean.
-    - `normal_force`, size 1: force of the eraser on the board against its normal, z of
-      B, or the one at E on a curved board, in N; positive when it presses. Feedthrough.
+    - `normal_force`, size 1: force of the eraser against the board's normal (z of B; on a
+      curved board the local one at E), in N; positive when it presses. Feedthrough.
     - `contact_area`, size 1: area of the contact patch in m^2. Feedthrough.
 
     Parameters

@@ -67,7 +67,7 @@ class MouseHand(LeafSystem):
     Input ports
     -----------
     spring : abstract
-        Of Drake's mouse spring: the forces of a drag, or none.
+        Forces of Drake's mouse spring during a drag, else an empty list.
     body_poses, body_spatial_velocities : abstract
         The plant's ports of the same names.
 
@@ -97,7 +97,7 @@ class MouseHand(LeafSystem):
     R_WE : RotationMatrix, optional
         Orientation at rest of the tool that may be turned; needs a `tip`.
     eye : array_like, shape (3,)
-        Of the camera where the page does not send it, in W, m.
+        Position of the camera in W, where the page does not send it, m.
 
     Examples
     --------
@@ -255,7 +255,7 @@ class MouseHand(LeafSystem):
 
     def _calc_forces(self, context: Any, output: Any) -> None:
         config, board = self._config, self._board
-        # Plain numbers: fields of the record take five times as long, every millisecond.
+        # Read plain numbers: fields of the record would take five times as long, each ms.
         numbers: Any = context.get_discrete_state(self._state).value()
         if not (numbers[GUIDING] or (config.holds and numbers[STARTED])):
             output.set_value([])

@@ -37,13 +37,13 @@ Choosing the parameters
 - *Posture frequency*: a few rad/s; below 2 the elbow sags with friction.
 - *Normal force*: `desired_normal_force` is fed forward along −z of T. It increases
   smoothly while the target descends by `engage_height` to `contact_height`, and the
-  tool follows no faster than `force_control.search_speed` allows. The target's motion
-  along z is fed forward as far as the tool is not in contact. Where the surface is
+  tool follows no faster than `force_control.search_speed` allows. The feed-forward of
+  the target's motion along z fades out as the force fades in. Where the surface is
   lower or higher than assumed, the target is shifted by the difference, up to
-  `search_range`; where there is none, a protective stop reports it. At a distance of
-  `rest_distance` or more beside its target the tool is lifted instead. Where joint
-  friction is not small beside the force, enable `force_control` and connect the measured
-  force; see `ForceControlConfig` for its gains.
+  `search_range`; where there is none, a protective stop reports it. Farther than
+  `rest_distance` from its target along the surface the tool is lifted instead. Where joint
+  friction is not small compared with the force, enable `force_control` and connect the
+  measured force; see `ForceControlConfig` for its gains.
 - *Minimal intervention*: `covariance_stiffness` takes K from the covariance of the
   demonstrations, ``k_min + (k_max − k_min) (1 + Σ / σ²)⁻¹``. Choose σ as the
   deviation that a person would not correct.
@@ -69,17 +69,17 @@ torque is added to the limited task torque, and the sum is clipped joint by join
 that the joint limits have priority. `max_effective_mass` bounds Λ near singularities,
 where damping and tracking are softer than chosen. `WatchdogConfig` has the conditions of
 a protective stop: the arm is held, damped, at its position, and the normal force is
-zero. Along the normal it comes to rest in 10 ms, and after a stop because of its force it
-retreats by 20 mm: a push does not throw it against the surface. Once the target is valid
-again the arm returns to it. Every condition takes effect at the next update and is
-reported on the port `status`.
+zero. Along the normal it comes to rest in 10 ms, so that a push does not throw it against
+the surface. After a stop because of the normal force it retreats by 20 mm. Once the target
+is valid again the arm returns to it. Every condition takes effect at the next update and
+is reported on the port `status`.
 
 For any inputs, no joint exceeds its speed limit by its own torque: a torque is
 applied only where the limited torque rate suffices to end its acceleration in time.
 Otherwise the joints are braked until it does, and the status reports it. A joint that a
 push or a contact drives above its limit all the same ends in a protective stop, and so
 does a normal force that is far above the desired one, or that oscillates. All this
-assumes that the measured state is true.
+assumes that the measured state is correct.
 
 Friction compensation uses the measured velocity: it cannot help at rest, and with a
 gain above 1 the joints run away.
@@ -192,21 +192,21 @@ class OperationalSpaceImpedanceController(LeafSystem):
       rate.
     - ``measured_position`` (3): p_TE, m, in T.
     - ``measured_velocity`` (3): of E's origin relative to T, m/s, in T.
-    - ``tracking_error`` (6): from the measured pose to the desired one of the inputs, a
+    - ``tracking_error`` (6): from the measured to the desired pose at the inputs, a
       rotation vector in rad and a translation in m, in T.
     - ``status`` (6): of the last update, see `ImpedanceStatus`.
-    - ``last_fault`` (1): flags of the latest status with one of `STOP_REASONS`, these only;
-      0 before the first. A fault may last for one update, the stop after it longer.
+    - ``last_fault`` (1): the flags among `STOP_REASONS` in the latest status that had any;
+      0 before the first. A fault may last for one update only; the stop lasts longer.
     - ``measured_pose`` (7): quaternion w, x, y, z of R_TE, and p_TE in m.
 
-    Inputs that are not finite, stale, implausible or jump do not raise: see
-    `WatchdogConfig`.
+    Inputs that are stale, implausible or not finite, or that jump, do not raise an error:
+    see `WatchdogConfig`.
 
     Parameters
     ----------
     plant : MultibodyPlant
         A finalized plant that holds the arm and its tool and nothing else, with one
-        actuator for every joint in the joints' order. The limits are its own.
+        actuator for every joint in the joints' order; source of the joint limits.
     end_effector : Frame
         E, a frame of `plant`.
     X_WT : RigidTransform

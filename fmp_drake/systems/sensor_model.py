@@ -25,7 +25,7 @@ class SensorModel(LeafSystem):
     position_noise, velocity_noise : float
         Standard deviations, rad and rad/s.
     seed : int
-        Of the noise, which is a function of it and of the number of the sample.
+        Of the noise; the noise depends on the seed and the number of the sample only.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Coordinates of a tool over a curved board, and its orientation along the normal."""
+"""Coordinates of a tool over a curved board, and the orientation along its normal."""
 
 from typing import Any
 
@@ -10,12 +10,12 @@ from fmp_drake.numeric import Array
 from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import Surface
 
-# Time over which the velocity of the coordinates is a finite difference, s.
+# Step of the finite difference for the velocity of the coordinates, s.
 _STEP = 1e-4
 
 
 class SurfaceCoordinates(LeafSystem):
-    """Coordinates of a guided tool over a curved board, and its orientation flat on it.
+    """Coordinates of a guided tool over a curved board, and the orientation flat on it.
 
     Input ports
     -----------

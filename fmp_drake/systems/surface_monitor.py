@@ -27,8 +27,8 @@ class SurfaceMonitor(LeafSystem):
     A hard point there has passed through the board, or is about to. Contact is compliant,
     so a small penetration is normal: 0.1 mm for the face of an eraser and 4 mm for a
     corner under 80 N. The status reports more than `TOLERANCE`, and a contact of the
-    board with any link except the tool. A link that is wholly behind the board does not
-    count.
+    board with any link except the tool. A sphere of the arm that is wholly behind the
+    board does not count.
 
     Input port ``body_poses``: abstract, list of `RigidTransform` X_WBody; the plant's.
     Output ports, both discrete state:
@@ -127,7 +127,7 @@ class SurfaceMonitor(LeafSystem):
         p = along(self._curvature, p_B)
         depth, touches = 0.0, False
         if np.any(p[:, 2] < self._radii + self._top):  # Else all are above the board.
-            # A link behind the board is always there, as at a bowl beside the arm's base.
+            # Links may always be behind the board, as at a bowl beside the arm's base.
             arm = self._on_arm
             is_behind = arm & (p[:, 2] < self._box[0, 2] - self._radii)
             depth = deepest(p[~is_behind], self._radii[~is_behind], self._box)

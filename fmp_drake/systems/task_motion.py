@@ -27,8 +27,8 @@ class TaskMotion(LeafSystem):
 
     On a plane the task frame T is the frame S of the surface, and the channels x, y, z are
     p_TE. On a curved surface they are (u, v, h), see `Surface`: T moves with the target over
-    the surface, z of T is the local normal, and the tool keeps its height over T. Rotation
-    channels are the orientation R_TE, so that they follow the normal.
+    the surface, z of T is the local normal, and the target is at the height h over T's
+    origin. Rotation channels are the orientation R_TE, so that they follow the normal.
 
     There is no state. All inputs of the controller come from one port, because calling
     Python takes longer than computing them. A `Demultiplexer` with the sizes in `parts`
@@ -70,7 +70,7 @@ class TaskMotion(LeafSystem):
     roles : ChannelRoles
     surface : Surface
     X_WS : RigidTransform
-        The surface in the world.
+        Pose of the surface in the world.
     is_moving : bool
         Whether the frame of the surface is an input.
 

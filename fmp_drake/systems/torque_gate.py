@@ -40,7 +40,7 @@ from fmp_drake.systems.panda.gate import (
 
 # Groups of the discrete state.
 _TORQUE, _GATE, _TRACK, _COMMANDS, _READING = range(5)
-# In the second.
+# Index in the second group.
 _STATUS_TIME = 2
 
 
@@ -48,9 +48,9 @@ class TorqueGate(LeafSystem):
     """Gate that sends a controller's torque to a Panda while there is no fault.
 
     The torque starts at 0. Once the operator has enabled the gate, it follows the
-    controller's torque within the configured rate, in time of the wall clock. After any
-    fault it goes to 0 at that rate, and stays there until the operator enables the gate
-    again. See `GateFault` and `gate_step`.
+    controller's torque within the configured rate, by the wall clock. After any fault it
+    goes to 0 at that rate, and stays there until the operator enables the gate again. See
+    `GateFault` and `gate_step`.
 
     Input ports
     -----------

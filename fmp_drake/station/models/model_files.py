@@ -112,8 +112,8 @@ class Visual(NamedTuple):
 class Collision(NamedTuple):
     """Contact geometry with a modulus, Pa, and a dissipation, s/m.
 
-    It is compliant hydroelastic geometry, or rigid with an infinite modulus. It has point
-    contact without a modulus.
+    It is compliant hydroelastic geometry; with an infinite modulus it is rigid, and without
+    a modulus it has point contact.
     """
 
     name: str

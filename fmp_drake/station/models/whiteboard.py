@@ -44,8 +44,8 @@ _WHITE = (0.97, 0.97, 0.97)
 _METAL = (0.70, 0.72, 0.74)
 _DARK = (0.16, 0.17, 0.19)
 
-# Compression of a felt by 10 N, m, and largest depth of an edge of the mesh in the curved
-# surface as a fraction of it.
+# Compression of a felt by 10 N, m, and the largest deviation of a mesh's edge from the
+# curved surface, as a fraction of it.
 _COMPRESSION, _DEVIATION = 2e-3, 0.1
 # Largest gap of a closed pipe: its circumference less the width of the board, m.
 _SEAM = 1e-3
@@ -56,10 +56,10 @@ def AddWhiteboard(plant: MultibodyPlant, config: BoardConfig) -> ModelInstanceIn
 
     B has its origin at the centre of the wiping surface and z as outward normal. The
     board is a uniform slab of 20 mm. It is compliant, but much stiffer than the felt. Below
-    an eraser that slides at 0.1 m/s a rigid slab causes a ripple of the normal force of
-    10 N by 0.65 N peak to peak, this slab 0.0001 N (`lagged`, 1 ms). The bars of the frame,
-    1.5 mm above the surface, have the contact of the slab. A curved board has no frame, and
-    a post instead of legs.
+    an eraser that slides at 0.1 m/s with 10 N, the ripple of the normal force is 0.65 N peak
+    to peak on a rigid slab, and 0.0001 N on this one (`lagged`, 1 ms). The bars of the
+    frame, 1.5 mm above the surface, have the contact of the slab. A curved board has no
+    frame, and a post instead of legs.
 
     Parameters
     ----------

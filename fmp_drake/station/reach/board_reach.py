@@ -48,38 +48,38 @@ class FollowingBounds:
     ----------
     farthest : float
         Distance between a desired position and the static position of the arm in its springs,
-        m. If the scenario's tolerance is exceeded for moments, the tracking error decides, up
-        to `farthest`.
+        m. If the scenario's tolerance is exceeded briefly, the tracking error decides, up to
+        `farthest`.
     tracking_error : float
         Predicted rms distance from the path, as a fraction of the scenario's tolerance, for
-        positions out of reach or braked joints: there runs were up to 1.5 times as far off.
+        positions out of reach or braked joints: such runs were up to 1.5 times as far off.
     tilt, steepest : float
         Of the eraser with respect to the board, rad. At `tilt` its end lifts by 6 mm, a fifth
-        of the felt. If it is exceeded for moments, the tilt error decides, up to `steepest`.
+        of the felt. If it is exceeded briefly, the tilt error decides, up to `steepest`.
     tilt_error : float
         Predicted rms tilt, rad: runs with at most 0.032 passed, all with 0.039 or more
         failed.
     orientation_error : float
         Predicted rms error of a skill with rotation channels, rad: half of the limit for a
-        run, which was 0.64 degrees where 0.28 had been predicted.
+        run. A run had 0.64 degrees where 0.28 had been predicted.
     force_error, constant_force_error : float
-        Predicted rms error of the normal force of a skill with a force channel, N, half of
-        the limit for a run, and of a constant one: a run with 4.5 was outside its tolerance
-        for 21 % of the time, one with 2.8 for 1 %.
+        Predicted rms error of the normal force, N. With a force channel it is half of the
+        limit for a run. With a constant force, a run with 4.5 was outside its tolerance for
+        21 % of the time, one with 2.8 for 1 %.
     joint_reserve : float
         Margin from a joint-limit spring at which a joint counts as at the spring, rad.
     brief : float
         Fraction of the samples that may exceed a joint's speed limit, even if other joints
-        compensate for the braked ones. A quarter of them disturbs the normal force, and half
-        of them the whole motion.
+        compensate for the braked ones. A quarter of the samples disturbs the normal force,
+        half of them the whole motion.
     unsteady : float
         Fraction of the samples at which poses out of reach, braked joints and singularities
-        may change the normal force by more than its tolerance. Friction disturbs it as well:
-        of ten runs with 0.011 or more seven were outside it, or out of contact, for 5 to 22 %
-        of the time, and of 112 with 0.006 or less five, all of them pushed.
+        may change the normal force by more than its tolerance. Friction disturbs it as well.
+        Of ten runs with 0.011 or more, seven were outside the tolerance, or out of contact,
+        for 5 to 22 % of the time; of 112 with 0.006 or less, five were, all of them pushed.
     lift : float
-        Of the eraser off the board by a push, in tolerances: 8 cm alone are 10 mm rms in a
-        run of 30 s. Three runs with 8.0 or 8.1 cm had 10.0 to 10.4 mm, two with 7.3 cm had
+        Height to which a push may lift the eraser, in tolerances: 8 cm alone are 10 mm rms in
+        a run of 30 s. Three runs with 8.0 or 8.1 cm had 10.0 to 10.4 mm, two with 7.3 cm had
         7.3 and 9.7.
     clearance : float
         Of the arm's links from the board, m.
@@ -220,7 +220,7 @@ class BoardReach:
         )
 
     def near_postures(self, X_WB: list[RigidTransform]) -> Array:
-        """Return postures near the preferred one at the start on boards, (boards, n)."""
+        """Return postures near the preferred one for the start on each board, (boards, n)."""
         preferred = np.tile(self._scenario.preferred_posture(), (len(X_WB), 1))
         path = np.tile(self._scenario.start, (1, 2, 1))
         motion = self.follow(X_WB, path, moved=-self.rail, step=1.0, postures=preferred)

@@ -47,15 +47,15 @@ def predict_deviation(
 ) -> Deviation:
     """Predict pose and normal force where the law cannot follow the motion.
 
-    The deviations δ of the joints from the predicted motion q obey the closed loop about
-    it, ``M δ̈ + (Jᵀ D J + 2 ζ ω N) δ̇ + (Jᵀ K J + ω² N) δ = τ + N (q̈ − a)`` with
+    The deviations δ, predicted minus actual positions of the joints, obey the closed loop,
+    ``M δ̈ + (Jᵀ D J + 2 ζ ω N) δ̇ + (Jᵀ K J + ω² N) δ = τ + N (q̈ − a)`` with
     ``N = M − Jᵀ Λ J``. τ is the torque of `wall_torque` that brakes a joint above its
     allowed speed and keeps it out of its limits. Near a singularity the law bounds Λ and
-    accelerates the eraser too little: N (q̈ − a), where a is the acceleration of the
-    posture. The same holds where other joints should replace one at its limit. K contains
-    the felt along the normal, as long as there is contact. An implicit Euler step leads
-    from sample to sample. The controller of the normal force reduces the error, if
-    enabled, and is assumed to keep the contact.
+    accelerates the eraser too little, which is the term N (q̈ − a): q is the predicted
+    motion, and a the acceleration of the posture. The same holds where other joints should
+    compensate for one at its limit. K contains the felt along the normal, as long as there
+    is contact. An implicit Euler step leads from sample to sample. The controller of the
+    normal force reduces the error, if enabled, and is assumed to keep the contact.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _posture(config: ImpedanceConfig, error: Array, v: Array) -> Array:
 def _closed_loop(
     config: ImpedanceConfig, M: Array, J: Array, mobility: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the damping and the stiffness of the joints in the air, and N, (B, T, n, n).
+    """Return the damping and the stiffness of the joints in free air, and N, (B, T, n, n).
 
     The modes are those of `task_modes`. Rotations of the mobility are scaled.
     """
@@ -183,7 +183,7 @@ def _closed_loop(
 
 
 def _controlled(config: ImpedanceConfig, forces: Array, step: float) -> Array:
-    """Return what the controller of the normal force leaves of errors (B, T), N.
+    """Return the errors of the normal force (B, T) that remain under force control, N.
 
     The error e of the disturbance d obeys ``(1 + p) ė + i e = ḋ`` with its gains p and i.
     """

@@ -56,13 +56,13 @@ class Feasibility:
         joint at its limit spring; ``smallest_manipulability`` (sqrt det J Jᵀ, m³);
         ``smallest_clearance`` of the arm's links from the board (m);
         ``largest_speed_ratio`` and ``largest_torque_ratio`` to the joints' limits;
-        ``deviation`` (rms, m) of the eraser where joints are braked, nearly singular or at
-        their limits; ``friction_lag`` of the eraser (rms, m); the predicted ``tracking_error`` (rms, m);
-        ``force_error`` (rms, N), and ``unsteady_fraction`` of the samples at which poses out
-        of reach and such joints change the normal force by more than 5 N;
-        ``push_deviation``, the height to which scripted pushes lift the eraser
-        off the board (m); and the ``largest_tempo`` and ``largest_press`` (N) with which the
-        check passes.
+        ``deviation`` (rms, m) of the eraser where joints are braked or at their limits, or
+        the arm is nearly singular; ``friction_lag`` of the eraser (rms, m); the predicted
+        ``tracking_error`` (rms, m); ``force_error`` (rms, N), and ``unsteady_fraction`` of
+        the samples at which such joints and poses out of reach change the normal force by
+        more than 5 N; ``push_deviation``, the height to which scripted pushes lift the
+        eraser off the board (m); and the ``largest_tempo`` and ``largest_press`` (N) with
+        which the check passes.
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
         no clearance, friction and normal force; the angle needs rotation channels.
     start : array, shape (3,)
@@ -206,9 +206,9 @@ class _Check:
     def _skill_paths(self, roles: ChannelRoles) -> Array:
         """Play windows from the start, and sample windows from the whole mixture.
 
-        Half of the windows are any samples, half the longest of many: a run prefers samples
-        that wipe much, which are long and fast. As in a run, samples are moved towards the
-        mean until they are within the skill's margin.
+        Half of the samples are arbitrary, half are the longest of many: a run prefers
+        samples that wipe much, which are long and fast. As in a run, samples are moved
+        towards the mean until they are within the skill's margin.
 
         Returns
         -------
@@ -367,7 +367,7 @@ class _Check:
     ) -> tuple[Values, Mask]:
         """Return the values, and the samples that are out of reach or too near the board.
 
-        For poses that are out of reach for moments, the predicted errors decide. That of the
+        For poses that are briefly out of reach, the predicted errors decide. That of the
         position is the root sum of squares of distance, deviation and friction lag.
         """
         has_rotation, bounds = self._R_TE is not None, self._bounds

@@ -32,7 +32,7 @@ class Driver(ABC):
         return None
 
     def check_robot(self, robot: RobotConfig) -> None:  # noqa: B027
-        """Check that the driver is for a robot; the simulated driver is for any.
+        """Check that the driver supports a robot; the simulated driver supports any.
 
         Raises
         ------

@@ -64,7 +64,7 @@ class LcmPanda(Driver):
         return self.gate.period
 
     def check_robot(self, robot: RobotConfig) -> None:
-        """Check that the robot is a Panda, which the torques are for."""
+        """Check that the robot is a Panda, for which the torques are intended."""
         if robot.driver != type(self).__name__:
             raise StationError(
                 f"{Path(robot.model).stem} is simulated only; the arm behind LCM is a "

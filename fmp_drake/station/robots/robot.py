@@ -340,7 +340,7 @@ def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Fram
     Raises
     ------
     StationError
-        Where a model file is missing, or has not one rigid model with both frames.
+        Where a model file is missing, or is not one rigid model with both frames.
     """
     if isinstance(tool, EraserConfig):
         eraser = AddEraser(plant, tool)

@@ -26,7 +26,7 @@ class Following(Task):
         controller: System,
         driver: System,
     ) -> Measurements:
-        """Add and export normal_force, by the arm's external torque."""
+        """Add and export normal_force, from the arm's external torque."""
         force = AddNormalForceEstimator(builder, scene, driver)
         builder.ExportOutput(force, "normal_force")
         status = controller.GetOutputPort("status")

@@ -26,7 +26,7 @@ class Wiping(Task):
 
     In simulation the ink, the contact force and the distance of hard points from the
     surface are measured. For a real arm, the normal force follows from its external
-    torque, and the ink from the places where it pressed.
+    torque, and the ink from the places where the eraser pressed.
 
     Examples
     --------

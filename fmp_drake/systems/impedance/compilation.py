@@ -1,7 +1,7 @@
 """Compilation of the controller's functions by two processes, side by side.
 
-One compiles `impedance_step`, the other those of its last parts that take longest. The
-parts are ready in the cache before the first process needs them.
+One compiles `impedance_step`, the other those of its last parts that take longest to
+compile. These are ready in the cache before the first process needs them.
 """
 
 import gc
@@ -43,7 +43,7 @@ class _Progress(event.Listener):
 class _InnerLibrary(JITCodeLibrary):
     """Code of a function that is compiled only as a part of others.
 
-    It is optimised and translated with theirs, not once more alone.
+    It is optimised and translated with theirs, not once more on its own.
     """
 
     def _optimize_final_module(self) -> None:
@@ -58,8 +58,8 @@ class _InnerLibrary(JITCodeLibrary):
 def compile_step() -> None:
     """Compile the update, and `measured_motion`, into the cache.
 
-    The other process is a copy of this one: it has imported and compiled already what
-    both need.
+    The other process is a copy of this one, made after the imports and the compilation of
+    what both need.
     """
     event.register("numba:compile", _Progress())  # type: ignore[no-untyped-call]
     # Nearly all of the compiler's objects live until its end: a search for garbage among
@@ -84,7 +84,7 @@ def _leave_inside(stored: set[Any]) -> None:
     """Compile the other functions only as parts of these, without code to call them.
 
     Python could not call them, so they are not stored in the cache. The code that reads
-    Python's arguments is a fifth of all, and machine code of parts another one.
+    Python's arguments is a fifth of all, and machine code of the parts another fifth.
     """
     names = {function.py_func.__qualname__ for function in stored}
     codegen: Any = JITCPUCodegen

@@ -1,4 +1,4 @@
-"""The settings of the impedance controller, loadable from YAML."""
+"""Settings of the impedance controller, loadable from YAML."""
 
 import math
 from dataclasses import dataclass, field
@@ -48,13 +48,13 @@ class ImpedanceConfig:
         Greatest errors to which the stiffness responds, m, rad and rad. They bound the
         force, and with the damping the speed, of a start far from the target.
     max_torque_rate : float or None
-        Fastest change of any joint torque, Nm/s. None means the robot's in a station, and
-        no limit for a controller on its own.
+        Fastest change of any joint torque, Nm/s. None means the robot's rate in a station,
+        and no limit for a controller on its own.
     max_effective_mass : float
         Largest inertia that the law ascribes to the end effector, kg: it bounds the
         torque at singularities. Arms with a reach of 0.9 m have less than 60 in the
         middle of their workspace, and 100 where the elbow is nearly straight. Where it is
-        bounded, the posture pulls the tool away.
+        bounded, the posture's torque disturbs the tool.
     characteristic_length : float
         Length that makes rotational inertia comparable to mass, m.
     control_period : float

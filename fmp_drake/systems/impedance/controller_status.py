@@ -205,4 +205,4 @@ STOP_REASONS = {
     StatusFlag.FORCE_OSCILLATION: "the normal force oscillated",
     StatusFlag.SPEED_EXCEEDED: "a joint was faster than its limit",
 }
-"""Why there is a protective stop, by the fault that began it."""
+"""Reasons of a protective stop, by the flag of the fault that began it."""

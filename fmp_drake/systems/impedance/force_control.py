@@ -75,8 +75,8 @@ class ForceControlConfig:
         force fades, m; at twice the distance it is zero. Both grow with the height
         above `lift_height`.
     lift_height : float
-        Height to which the tool is lifted there, m; higher where the error is
-        clipped.
+        Height to which the tool is lifted where the force has faded, m; higher where
+        the error is clipped.
 
     Examples
     --------
@@ -228,8 +228,8 @@ def approach_factor(
 ) -> float:
     """Return the factor of the desired force that approaches the surface softly.
 
-    It is 2 above the search range, 1 at the surface, and 0 above twice the allowed
-    speed. In contact the whole force acts.
+    It is 1 up to a height of the search range, and 2 above twice that height. Above the
+    allowed speed it falls, to 0 at twice that speed. In contact the whole force acts.
 
     Parameters
     ----------
@@ -305,7 +305,7 @@ def correct_normal_force(
     search_range = config.search_range
     if not (demand.saturated or demand.away):
         surface = min(max(surface + period * speed, -search_range), search_range)
-    # Pushing is never turned into pulling.
+    # The correction never turns pushing into pulling.
     correction = (
         max(config.proportional_gain * error, -demand.desired) if closed else 0.0
     )

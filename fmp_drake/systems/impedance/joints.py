@@ -12,8 +12,8 @@ from fmp_drake.numeric import Array
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.systems.impedance.algebra import applied, cholesky, solve_lower
 
-# Fraction of the efforts that is used, because the weight changes until the next
-# update, and the remaining fraction where the weight alone needs all.
+# Fraction of the effort limits that is used, because the weight changes until the next
+# update, and the fraction that remains for control where the weight alone needs all.
 _EFFORT_FRACTION, _EFFORT_RESERVE = 0.99, 0.01
 # Time constant with which a joint that would be too fast comes to rest, s.
 _STOPPING_TIME = 0.05
@@ -24,7 +24,7 @@ _SPEED_FRACTION = 0.95
 
 @dataclass(kw_only=True)
 class JointWallConfig:
-    """Springs at the joint limits, and brakes of the joint speeds.
+    """Springs at the joint limits, and braking of fast joints.
 
     The limits and efforts are the model's.
 
@@ -32,7 +32,7 @@ class JointWallConfig:
     ----------
     width : float
         Width of the spring at a limit, rad. At half of it the spring's torque is the
-        joint's effort limit; without one the spring is critically damped.
+        joint's effort limit; without an effort limit the spring is critically damped.
     braking_acceleration : float
         Deceleration, rad/s², that bounds the speed towards a joint-limit spring.
     speed_fraction : float
@@ -75,7 +75,7 @@ class JointLimits(NamedTuple):
 
     @classmethod
     def between(cls, lower: Array, upper: Array, **others: Array) -> Self:
-        """Make them from a lower and an upper limit of the position, rad, and the others."""
+        """Make limits from lower and upper position limits, rad, and the other fields."""
         two_sided = np.isfinite(lower) & np.isfinite(upper)
         middle = np.zeros(len(lower))
         middle[two_sided] = 0.5 * (lower[two_sided] + upper[two_sided])
@@ -124,7 +124,7 @@ def wall_torque(
         depth = min(max(config.width - margin, 0.0), config.width) / config.width
         strength = min(limits.upper_effort[i], -limits.lower_effort[i])
         if not math.isfinite(strength):
-            # The spring that its damper damps critically.
+            # The spring for which the damping below is critical.
             strength = inertia[i] * config.width / (8 * config.braking_time**2)
         # Speed towards the limit, and its excess.
         speed = side * v[i]
@@ -179,7 +179,7 @@ def rate_scale(change: Array, max_change: float) -> float:
 
 @compiled
 def rate_limited(change: Array, wall: Array, max_change: float) -> Array:
-    """Return a change of torque that no joint exceeds, shape (n,), in Nm.
+    """Limit a change of torque to `max_change` at every joint, shape (n,), in Nm.
 
     It is shortened without a change of direction, except for joints with a torque at
     their limits: their changes are not delayed by other joints.
@@ -246,12 +246,12 @@ def speed_limited(
 ) -> tuple[Array, bool]:
     """Replace a torque after which no torque could keep the joints' speed limits.
 
-    The torque changes by at most `max_change` an update. So an acceleration lasts while
-    the torque returns to the one without acceleration, ``C v``. Where a joint would
-    exceed 95 % of its speed limit by then, the torque returns at once, and then damps
-    the joints; the other 5 % are a margin for contact and friction. A torque is thus
-    applied only where the next update can still return from it. The torque at the joint
-    limits remains where it brakes.
+    The torque changes by at most `max_change` an update. An acceleration therefore lasts
+    until the torque has returned to ``C v``, the torque without acceleration. Where a
+    joint would exceed 95 % of its speed limit by then, the torque returns at once, and
+    then damps the joints; the other 5 % are a margin for contact and friction. A torque
+    is thus applied only where the next update can still return from it. The torque at
+    the joint limits remains where it brakes.
 
     Parameters
     ----------
@@ -297,7 +297,7 @@ def speed_limited(
     for i in range(len(v)):
         if wall[i] * v[i] < 0:
             change[i] += wall[i]
-        # Where more than its own acceleration has to be countered, as in contact.
+        # Keep a torque that brakes more: a contact may accelerate the joint as well.
         if wall[i] != 0 and v[i] * (torque[i] - previous[i] - change[i]) < 0:
             change[i] = torque[i] - previous[i]
     if rate_scale(change, max_change) == 1:
@@ -350,7 +350,7 @@ def limited_torque(
         torque = clipped(torque + wall.torque, lower, upper)
     change = torque - previous
     rate_factor = rate_scale(change, max_change)
-    # The box has moved with the arm since the previous torque.
+    # The limits have changed with the weight since the previous torque.
     change = rate_limited(change, wall.torque, max_change)
     torque = clipped(previous + change, lower, upper)
     torque, overspeed = speed_limited(
@@ -431,7 +431,7 @@ class SigmoidFriction(NamedTuple):
         Raises
         ------
         SystemsError
-            If a list has not n finite numbers, or one has the wrong sign.
+            If a list does not have n finite numbers, or one has the wrong sign.
         """
         check_settings(config, SystemsError, "friction.")
         lists = (config.height, config.slope, config.shift)

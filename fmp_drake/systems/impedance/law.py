@@ -260,7 +260,7 @@ def normal_speed(arm: ArmDynamics, position: Array, frame_twist: Array) -> float
 def normal_damping(
     config: ImpedanceConfig, arm: ArmDynamics, position: Array, frame_twist: Array
 ) -> float:
-    """Return the force that brings the tool to rest along z of T, in 10 ms, N.
+    """Return the force against the motion along z of T that stops the tool in 10 ms, N.
 
     It is ``m v / t``, with the effective mass of the tool along z and `normal_speed`.
     Parameters are those of `normal_speed`.

@@ -175,7 +175,7 @@ def values_of[C](settings: C) -> C:
 
 
 def _parts(value: Any) -> dict[str, Any] | None:
-    """Return the named parts of a value that has some."""
+    """Return the fields of a dataclass or named tuple; None for other values."""
     if is_dataclass(value):
         parts = {field.name: getattr(value, field.name) for field in fields(value)}
         return {name: part for name, part in parts.items() if not _is_empty(part)}
@@ -365,7 +365,7 @@ class ImpedanceMemory(NamedTuple):
     force_record: ForceRecord
 
 
-# Numbers of 8 bytes only: one array of floats holds them.
+# All fields are numbers of 8 bytes, so that one array of floats holds them.
 MEMORY = np.dtype(
     (
         np.record,
@@ -399,7 +399,7 @@ _MEMORY_SIZE = MEMORY.itemsize // 8
 
 
 def initial_memory(stiffness: Array, *, tank_energy: float) -> Array:
-    """Return the memory of the start; the stiffness has shape (6, 6)."""
+    """Return the initial memory; the stiffness has shape (6, 6)."""
     memory = np.zeros(1, MEMORY)
     memory["lost_time"] = math.inf
     memory["tank_energy"] = tank_energy

@@ -104,8 +104,8 @@ def impedance_step(
 ) -> tuple[Array, Array, Array]:
     """Compute the next torque.
 
-    Its arguments are numbers and arrays, which is fastest, of the same types for every
-    arm: it is compiled once.
+    Its arguments are numbers and arrays, which are passed fastest. Their types are the
+    same for every arm, so it is compiled once.
 
     Parameters
     ----------

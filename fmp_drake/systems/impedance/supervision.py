@@ -16,7 +16,7 @@ from fmp_drake.systems.impedance.stiffness import filter_fraction
 # Modes of the watchdog. LOST is a stop at an unknown pose, after an unknown state.
 TRACKING, STOPPED, RECOVERING, LOST = range(4)
 
-# Slower targets, in m/s, may be constant up to rounding.
+# Speed below which the position of a target may be constant up to rounding, m/s.
 _MIN_SPEED = 0.01
 # A target that moves by less than this fraction of its claimed velocity stands still.
 _MOVING_FRACTION = 0.1
@@ -264,7 +264,7 @@ def next_watchdog_state(
     state : WatchdogState
         Of the previous update.
     fault : bool
-        Whether something is wrong with the target now.
+        Whether there is a fault now.
     distance, angle : float
         From the pose at the stop to the target, m and rad; used in a stop.
     period : float
@@ -326,7 +326,7 @@ def supervised(
     held, measured, target : Pose
         X_WE at the stop, measured, and desired.
     fault : bool
-        Whether something is wrong with the target now.
+        Whether there is a fault now.
     period : float
         Time between updates, s.
     """

@@ -209,10 +209,10 @@ def _read(path: Path) -> Image.Image:
 
 
 def _canvas(grid: InkGrid, quarter_turns: int) -> tuple[Array, Array, tuple[int, int]]:
-    """Return the canvas of a drawing, upright: a board with its edges swapped or not.
+    """Return the sizes of an upright canvas; odd quarter turns swap the board's edges.
 
-    Its parts are the greatest width and height of a drawing, m; the width and height of
-    a cell, m; and the numbers of rows and columns of samples.
+    They are the greatest width and height of a drawing, m; the width and height of a
+    cell, m; and the numbers of rows and columns of samples.
     """
     step = -1 if quarter_turns % 2 else 1
     ny, nx = grid.shape[::step]

@@ -373,7 +373,7 @@ class CoverageChoice:
         Number of samples that are drawn.
     margin : float
         Width along each edge of the eraser that is not counted, m: the pressure is lower
-        there, and the arm follows its path to 5 mm.
+        there, and the arm is up to 5 mm off its path.
     height : float
         Greatest height at which the eraser counts as on the board, m.
     area : ndarray of bool, shape (ny, nx), optional

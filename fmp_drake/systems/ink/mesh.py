@@ -37,7 +37,7 @@ MAX_LAYERS = 150
 # Least visible loss of ink, in 255ths: half a shade.
 _VISIBLE_LOSS = 255 / LEVELS / 2
 
-# Longest rectangle on a curved board, m: of a radius of 0.1 m it deviates by 0.1 mm.
+# Longest rectangle on a curved board, m: at a radius of 0.1 m it deviates by 0.1 mm.
 _LONGEST = 0.01
 
 # Fraction of a cell by which rectangles overlap the next row. Their corners do not

@@ -300,7 +300,7 @@ def read_patch(
         counts += map(len, faces)
         areas += map(surface.area, range(len(faces)))
         for face in faces:
-            # The longest step of an update: 1 us for each vertex.
+            # The slowest part of an update: 1 us for each vertex.
             vertices += map(vertex, face)
             pressure += map(field.EvaluateAtVertex, face)
     p_W = np.concatenate(vertices).reshape(-1, 3)
@@ -324,7 +324,7 @@ def read_patch(
 
 
 def rectangle(outline: Array) -> Patch:
-    """Return a rectangular patch of even pressure.
+    """Return a rectangular patch of uniform pressure.
 
     Parameters
     ----------

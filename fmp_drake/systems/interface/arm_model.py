@@ -34,7 +34,7 @@ class ArmModel:
         self._plant = plant
         self._end_effector = end_effector
         world, origin = plant.world_frame(), np.zeros(3)
-        # Derivatives of the pose of E in W, expressed in W, with respect to v.
+        # Arguments for the Jacobian of V_WE, expressed in W, with respect to v.
         self._of_E = JacobianWrtVariable.kV, end_effector, origin, world, world
 
     def declare_context(self, system: LeafSystem) -> CacheIndex:

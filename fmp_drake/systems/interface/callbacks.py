@@ -158,7 +158,7 @@ def spatial_force(
 def eval_number(
     port: InputPort, context: Context, default: float | None = None
 ) -> float:
-    """Return the value of a port of size 1, or the default of one that has none."""
+    """Return the value of a port of size 1, or the default where it has none."""
     if default is not None and not port.HasValue(context):
         return default
     value: Any = port.Eval(context)
@@ -166,5 +166,5 @@ def eval_number(
 
 
 def eval_cache(system: LeafSystem, index: CacheIndex, context: Context) -> Any:
-    """Return the value of a cache entry that is up to date."""
+    """Return the up-to-date value of a cache entry."""
     return system.get_cache_entry(index).Eval(context)

@@ -34,11 +34,10 @@ class InkVisualizer(LeafSystem):
 
     - `ink`, size ny nx: fraction of the ink left in each cell, row-major.
 
-    The shades of the last picture are discrete state. The ink is drawn in the frame of
-    Meshcat's path `path`, which is the caller's and must be at B; this system and
-    `AddInkToRecording` own `path`/live and `path`/recorded under it and change nothing
-    else. An initialisation deletes both and draws them again without a change of the
-    state.
+    The shades of the last picture are discrete state. The ink is drawn at Meshcat's path
+    `path`, whose transform the caller sets to X_WB. This system and `AddInkToRecording` own
+    `path`/live and `path`/recorded and change nothing else. An initialisation deletes both
+    and draws the ink again without a change of the state.
 
     Parameters
     ----------
@@ -84,8 +83,8 @@ class InkVisualizer(LeafSystem):
         )
         ny, nx = grid.shape
         self._drawn_index = int(self.DeclareDiscreteState((ny + 1) * (nx + 1)))
-        # A publish event may not write state, so there is an update beside it. At one
-        # time publish comes first, and both see the same input.
+        # A publish event may not write state, so there is an update beside it. At the same
+        # time the publish event comes first, and both see the same input.
         self.DeclareInitializationPublishEvent(self._redraw)
         self.DeclareForcedPublishEvent(self._redraw)
         self.DeclarePeriodicPublishEvent(_PERIOD, 0.0, self._draw_changes)

@@ -1,4 +1,4 @@
-"""The page with its panel beside the scene, served or saved."""
+"""Meshcat's page with a status panel beside the scene, served or saved."""
 
 import contextlib
 import json
@@ -105,7 +105,7 @@ class PanelFields(TypedDict, total=False):
     help : list of str
         Instructions, one sentence each.
     buttons : dict of str to ButtonLook
-        By the names that `Meshcat.AddButton` was given; others look like their names.
+        By the names given to `Meshcat.AddButton`; other buttons show their names.
     replay : dict of str to list of float
         Of a saved page with an animation: numbers of the panel by name, such as cleaned,
         at the times of `time`, s. It can then be paused and played again.
@@ -163,7 +163,7 @@ def hidden_meshcat() -> Meshcat:
     for host in (f"127.{own}", "localhost"):
         with contextlib.suppress(RuntimeError):
             meshcat = Meshcat(MeshcatParams(host=host, port=0, show_stats_plot=False))
-            for name in ("/Grid", "/Axes"):  # Else they are all until there is a scene.
+            for name in ("/Grid", "/Axes"):  # Else only these are visible at first.
                 meshcat.SetProperty(name, "visible", False)
             return meshcat
     raise SystemsError("no port of this machine is free for Meshcat.")

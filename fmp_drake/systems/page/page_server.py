@@ -2,12 +2,12 @@
 
 Its arguments are the address of a Meshcat and the host to serve at. It prints its port.
 The first line of its input is the operator's token, every further line the fields of the
-panel as JSON; it ends with its input. In the process of a simulation its threads would run
-where Python collects garbage, and a Meshcat may end in the main thread only.
+panel as JSON; the server ends with its input. In the process of a simulation its threads
+could collect Python's garbage, but a Meshcat must be destroyed in the main thread.
 
 The server is the only way from a browser to the Meshcat. A request must name this machine
 as its host, so that no other site's name leads here. A WebSocket must come from this page.
-Only one that carries the token may send more than answers to pings.
+Only one that carries the token may send more than control frames.
 """
 
 import contextlib
@@ -152,7 +152,7 @@ class ControlFrames:
 
 
 def _frame_size(data: bytes) -> int | None:
-    """Return the bytes of the first, masked frame with its head; None if cut off."""
+    """Return the size of the first, masked frame with its head, bytes; None if cut off."""
     length, head = data[1] & ~_MASKED, 2
     if length > _LONGEST_CONTROL:
         extended = 2 if length == 126 else 8
@@ -236,7 +236,7 @@ class _Server(ThreadingHTTPServer):
             if purpose == _REQUEST:
                 del self._purposes[connection]
                 with contextlib.suppress(OSError):
-                    connection.shutdown(socket.SHUT_RDWR)  # Which ends its thread.
+                    connection.shutdown(socket.SHUT_RDWR)  # It ends its thread.
                 return
 
     def keep(self, connection: socket.socket, purpose: str) -> bool:
@@ -263,7 +263,7 @@ class _Server(ThreadingHTTPServer):
 def _relay(
     browser: socket.socket, upstream: socket.socket, control: ControlFrames | None
 ) -> None:
-    """Relay data until one side closes; of a watcher only control frames."""
+    """Relay data until one side closes; from a watcher only control frames."""
     while True:
         ready, _, _ = select.select([browser, upstream], [], [])
         if upstream in ready:

@@ -74,7 +74,7 @@ def _rod(path: Array, radii: Array) -> Mesh:
         # Where the path is at rest, any direction is suitable.
         along = length > 1e-9
         x, y, z = (x / length, y / length, z / length) if along else (1.0, 0.0, 0.0)
-        # Two unit vectors across, the first level: z x along, or x on the way up.
+        # Two unit vectors across; the first is level: z x along, or x for a vertical path.
         width = math.hypot(x, y)
         u, v = (-y / width, x / width) if width > 1e-3 else (1.0, 0.0)
         for k in range(sides):
@@ -211,7 +211,7 @@ def draw_demonstrations(
     ----------
     meshcat : Meshcat
     path : str
-        Where in Meshcat's tree; its transform, the caller's, is X_WB.
+        Meshcat path; the caller sets its transform to X_WB.
     demonstrations : iterable of ndarray, shape (N, 3)
         Points in B, or (u, v, h) over a curved board, m.
     surface : Surface
@@ -245,7 +245,7 @@ def AddPathToRecording(
     ----------
     meshcat : Meshcat
     path : str
-        Where in Meshcat's tree; its transform, the caller's, is X_WB.
+        Meshcat path; the caller sets its transform to X_WB.
     times : array_like, shape (N,)
         Ascending, s.
     points : array_like, shape (N, 3)

@@ -33,13 +33,13 @@ _PERIOD = 0.256
 
 
 _POSITION = ChannelRoles(position=(0, 1, 2))
-# Axes along the plan: how many, and their length, m.
+# Number and length, m, of the axes that are drawn along the plan.
 _AXES, _AXIS_LENGTH = 7, 0.03
 _AXIS_COLORS = (Rgba(0.85, 0.1, 0.1), Rgba(0.1, 0.6, 0.1), Rgba(0.1, 0.2, 0.9))
 
 
 class PlanVisualizer(LeafSystem):
-    """Drawing of the plan as a line in the tube of its covariance, and of the component.
+    """Drawing of the plan as a line in a tube of its covariance, and of the component.
 
     Where a skill has an orientation, small axes along the line show it: x red, y green and
     z blue.
@@ -68,7 +68,7 @@ class PlanVisualizer(LeafSystem):
     surface : Surface
         Of the board; over a curved one positions are (u, v, h).
     path : str
-        Where in Meshcat's tree; its transform, the caller's, is X_WB.
+        Meshcat path; the caller sets its transform to X_WB.
     show_plan, show_tube, show_component : bool
         What to draw.
 

@@ -25,7 +25,7 @@ _STILL = 1e-4
 
 
 class TrailVisualizer(LeafSystem):
-    """Draws the last 4 s of the path of a point, which thins out.
+    """Draws the last 4 s of a point's path as a line that thins out.
 
     Input ports
     -----------
@@ -36,7 +36,7 @@ class TrailVisualizer(LeafSystem):
     ----------
     meshcat : Meshcat
     path : str
-        Where in Meshcat's tree; its transform, the caller's, is X_WB.
+        Meshcat path; the caller sets its transform to X_WB.
     surface : Surface
         Of the board.
 

@@ -1,4 +1,4 @@
-"""Decoding of a Panda's status messages, checks of each one and of successive ones."""
+"""Decoding and plausibility checks of a Panda's status messages."""
 
 import math
 import struct
@@ -15,7 +15,7 @@ from fmp_drake.systems.impedance.joints import JointLimits
 JOINTS = 7
 # Bound of every measurement of an arm, in rad, rad/s and Nm.
 _LARGEST = 1000.0
-# Position outside a joint's range, rad, and velocity above its limit, as a fraction.
+# Tolerated position outside a joint's range, rad, and velocity above its limit, a fraction.
 _RANGE_MARGIN, _SPEED_MARGIN = 0.05, 0.05
 # Step of a position beyond its greatest speed, rad: noise of encoder and stamp.
 _STEP_MARGIN = 0.005
@@ -25,8 +25,8 @@ _STEP_MARGIN = 0.005
 _MISMATCH, _MISMATCH_TIME, _SCALE_ERROR = 0.005, 0.1, 0.05
 # Time, s, and number of statuses with identical bits after which a value is constant.
 _CONSTANT_TIME, _CONSTANT_STATUSES = 0.005, 3
-# Velocity, rad/s, and distance, rad, above the noise of an encoder: such a joint moves. A
-# greater change of torque, Nm, moves an arm at rest.
+# A joint with more than this velocity, rad/s, or distance, rad, moves: it is above the noise
+# of an encoder. A greater change of torque than the third value, Nm, moves an arm at rest.
 _MOVING, _MOVED, _TORQUE_CHANGE = 0.02, 1e-4, 0.1
 # Parts of a status that may be constant.
 _POSITIONS, _VELOCITIES, _ROBOT_TIME = range(3)
@@ -291,9 +291,8 @@ def implausible(
     encoder: even at rest, the last bits of 14 numbers differ from one status to the
     next. A simulated arm without noise may rest at one state. Therefore an identical
     state is a fault only where it has a velocity, or where the torque that is sent
-    changes meanwhile. Constant positions with a velocity are a fault, and so are
-    constant velocities of positions that change, and a robot's own time stamp that
-    stands still.
+    changes meanwhile. Further faults are constant positions with a velocity, constant
+    velocities with changing positions, and a robot's own time stamp that stands still.
 
     Parameters
     ----------

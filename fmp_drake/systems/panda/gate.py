@@ -79,7 +79,7 @@ class GateConfig:
         Longest pause between two torques that does not stop the arm, s.
     return_speed : float
         Speed of the joints after the gate has opened, as a fraction of their limits,
-        until the controller's torque is small; 1 for no such return.
+        until the controller's torque is small; 1 skips this phase.
     dry : bool
         Compute every torque, but send zeros.
 
@@ -131,12 +131,12 @@ class GateMode(IntEnum):
     - `STOPPED`: after a fault the torque brakes the joints while their measured velocity
       can be trusted, for 0.3 s at most. Then it is zero until the operator enables the
       gate again. Without a trusted velocity it goes to zero at once.
-    - `RETURNING`: the gate has opened; the torque is small and damped, so that the joints
-      are slow, until the controller needs no more of it.
+    - `RETURNING`: the gate has just opened. The torque is small and damped, so that the
+      joints are slow, until the controller needs no larger one.
 
     Zero torque leaves the arm floating under gravity compensation. Without commands the
-    robot damps its joints, so nothing is sent once the torque is zero. While no new
-    status has come for 20 ms, an open gate brings the torque to zero, until the next one.
+    robot damps its joints, so nothing is sent once the torque is zero. Where no status
+    comes for 20 ms, an open gate brings the torque to zero until the next one.
 
     Examples
     --------
@@ -165,8 +165,8 @@ class CommandTrack(NamedTuple):
     unheard : float
         Number of own commands sent after the newest one that was heard.
     missing : float
-        Number of own commands that were skipped: lost, or late by a changed order. It
-        is negative after more commands than have been explained so far.
+        Number of own commands that were skipped: lost, or delayed by a changed order.
+        Negative where more commands have come than are explained so far.
     missing_time : float
         Time at which one was last skipped, s of the wall clock.
     sent : array, shape (128,)
@@ -365,7 +365,7 @@ def gate_step(
     """
     reading, command, count, torque, wall_time, go = inputs
     is_time = abs(wall_time) <= _LATEST
-    # After a stamp from the future every later status would be out of order.
+    # Reject a stamp from the future: every later status would be out of order.
     in_time = (
         is_time
         and state.status_time <= reading.time <= wall_time + config.expiry
@@ -385,7 +385,7 @@ def gate_step(
         if faults:
             mode, reasons, timer = GateMode.STOPPED, faults, 0.0
     elif go > max(state.go, 0.0):
-        # A request counts at this instant only, without a fault and at zero torque.
+        # A request counts at this step only, and only without a fault and at zero torque.
         reasons = faults
         if not (faults or state.torque.any()):
             mode, timer = GateMode.RETURNING, 0.0
@@ -401,7 +401,7 @@ def gate_step(
             mode = GateMode.OPEN
     elif mode is GateMode.STOPPED:
         timer += max(elapsed, 0.0) if math.isfinite(elapsed) else _BRAKE_TIME
-        # Once a stop has brought the torque to zero, nothing is sent again.
+        # Once a stop has brought the torque to zero, nothing more is sent.
         if was_active and timer < _BRAKE_TIME and not reasons & _UNTRUSTED:
             desired = brake_torque(limits, reading)
     is_new = in_time and reading.time > state.status_time
@@ -445,7 +445,7 @@ def brake_torque(limits: JointLimits, reading: ArmReading) -> Array:
 def return_torque(
     config: GateConfig, limits: JointLimits, reading: ArmReading, torque: Array
 ) -> tuple[Array, bool]:
-    """Return a small and damped torque, and whether the controller needs no more.
+    """Return a small and damped torque, and whether the controller needs no larger one.
 
     Joint i gets ``s tau_i - b_i v_i`` with one factor s, so that ``|s tau_i|`` is at most
     ``b_i`` times the allowed speed: at that speed the damping balances the torque,
@@ -506,7 +506,7 @@ def command_utime(stamp: float) -> int:
 
 
 def command_fingerprint(utime: int, torque: ArrayLike) -> float:
-    """Return a number that tells one torque command from another."""
+    """Return a checksum that identifies a torque command."""
     return float(zlib.crc32(struct.pack("<8d", utime, *np.asarray(torque).tolist())))
 
 

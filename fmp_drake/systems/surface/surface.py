@@ -11,8 +11,8 @@ bowl) and phi = (-ky v, kx u, 0)::
     R_ST = exp([phi]x),  p_ST = straight part + (R_ST z - z) / k.
 
 A plane has kx = ky = 0. Where one of them is 0 the surface is a cylinder, and (u, v) an
-isometry. Where both are equal it is a sphere, and (u, v) its azimuthal equidistant map: it
-is stretched across by sin(a) / a at the angle a from the middle.
+isometry. Where both are equal it is a sphere, and (u, v) its azimuthal equidistant map: at
+the angle a from the middle, lengths across the radial direction are scaled by sin(a) / a.
 
 Rotation vectors and their derivatives follow J. Sola, J. Deray, D. Atchuthan, "A micro Lie
 theory for state estimation in robotics", arXiv:1812.01537 (exponential and left Jacobian

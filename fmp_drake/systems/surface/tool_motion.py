@@ -1,4 +1,4 @@
-"""Motion of a tool over a surface from the channels of a skill, and the channels measured.
+"""Conversion from the channels of a skill to the motion of a tool over a surface, and back.
 
 S is the frame of the surface, T the task frame: on a plane T is S, on a curved surface T
 moves with the target and its z is the local normal. E is the end effector.
@@ -74,7 +74,7 @@ def desired_motion(
     Returns
     -------
     array, shape (39,)
-        In T, and for the last three in W.
+        In T; the last three in W.
     """
     d = len(motion) // 3
     y, dy, ddy = motion[:d], motion[d : 2 * d], motion[2 * d :]
@@ -151,7 +151,7 @@ def measured_channels(
     else:
         R_ST = rotation(surface, near[0], near[1])
         uvh = project(surface, point(surface, near[0], near[1]) + R_ST @ p_TE, near[:2])
-        # The orientation is that against the normal where the tool is.
+        # The orientation is relative to the local normal at the tool.
         local = quaternion(np.array((-surface.ky * uvh[1], surface.kx * uvh[0], 0.0)))
         target = quaternion(
             np.array((-surface.ky * near[1], surface.kx * near[0], 0.0))

@@ -133,8 +133,8 @@ class HandMotion:
     def slowed(self, surface: Surface) -> "HandMotion":
         """Return the motion, slower where it would turn a tool fast over a curved surface.
 
-        The tool turns with the surface's normal. Its path and its length in time stay the
-        same, so that the end of the path is not reached.
+        The tool turns with the surface's normal. The path and the duration stay the same,
+        so that the end of the path is not reached.
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class HandMotion:
         curvature = np.array([surface.kx, surface.ky])
         turn = np.linalg.norm(np.diff(self.position[:, :2], axis=0) * curvature, axis=1)
         slowness = np.maximum(turn * _RATE / MAX_TURN_RATE, 1.0)
-        # The smoothed minimum of the neighbourhood does not exceed the value of any
+        # The smoothed maximum of the neighbourhood is not below the slowness of any
         # sample.
         width = int(_SLOWING * _RATE)
         slowness = maximum_filter1d(slowness, 2 * width + 1, mode="nearest")

@@ -104,7 +104,7 @@ class Drag(NamedTuple):
 
 
 class BoardSurface(NamedTuple):
-    """The board, along which the tool is guided; it does not leave its edges.
+    """The board along which the tool is guided; the tool stays within its edges.
 
     In free space it is a plane, and the tool is guided parallel to it.
 
@@ -154,9 +154,9 @@ class BoardSurface(NamedTuple):
     def ray_intersection(
         self, cursor: Array, *, eye: Array, point: Array
     ) -> Array | None:
-        """Return where the ray from the eye through the cursor is as high as a point.
+        """Intersect the ray from the eye through the cursor with the height of a point.
 
-        For a ray that misses a curved board, it is the point nearest to the board.
+        Where the ray misses a curved board, the result is its point nearest to the board.
 
         Parameters
         ----------
@@ -185,7 +185,7 @@ class BoardSurface(NamedTuple):
         return eye + (cursor - eye) * distance / a if distance > 0 else None
 
 
-# Numbers of 8 bytes only: one array of floats holds them.
+# All fields are numbers of 8 bytes, so that one array of floats holds them.
 STATE = np.dtype(
     [
         ("started", "f8"),
@@ -226,7 +226,7 @@ _MESSAGE = STATE.fields["message"][1] // 8  # type: ignore[index]
 
 def is_idle(state: Array) -> bool:
     """Return whether `follow` without a drag would leave a state (n,) as it is."""
-    # A drag that has ended, too, has a message.
+    # A drag that has ended also has a message.
     return bool(state[STARTED] and not state[GUIDING] and math.isnan(state[_MESSAGE]))
 
 
@@ -243,7 +243,7 @@ def cursor_of(
 ) -> Array:
     """Return the position of the cursor, from the force of Drake's mouse spring.
 
-    The force is ``m (k d - sqrt(k) v)``; Drake reports no other sign of d.
+    The force is ``m (k d - sqrt(k) v)``; Drake does not report d itself.
 
     Parameters
     ----------
