@@ -23,7 +23,7 @@ logger = logging.getLogger("fmp_drake")
 
 
 class _Announcer(event.Listener):
-    """Log message at the first compilation, which takes seconds."""
+    """Listener that logs a message at the first compilation, which takes seconds."""
 
     def __init__(self) -> None:
         self._has_announced = False
@@ -50,7 +50,7 @@ function_counts: Counter[Path] = Counter()
 
 
 def compiled[F: Callable[..., Any]](function: F) -> F:
-    """Compile a function of arrays, numbers and named tuples of them at its first call.
+    """Compile, at its first call, a function of arrays, numbers and named tuples.
 
     Its cache is beside the module. Where that folder is read-only, it is in the user's
     cache folder, or else in a temporary folder that is deleted with the process. The
@@ -75,8 +75,7 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
 def inlined[F: Callable[..., Any]](function: F) -> F:
     """Compile a function as a part of its only caller.
 
-    It is not compiled separately, which would take time in proportion to the functions
-    that it calls.
+    Compiling it separately would take time in proportion to the functions that it calls.
     """
     return numba.njit(inline="always", **_OPTIONS)(function)
 

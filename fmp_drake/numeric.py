@@ -106,7 +106,7 @@ def check_number(
     what : str
         Name of the value, for the error.
     above, least, below, most : float, optional
-        Limits: excluded and included lower one, excluded and included upper one.
+        Exclusive and inclusive lower limit, exclusive and inclusive upper limit.
     whole : bool
         Whether only integers are allowed.
     unit : str
@@ -114,7 +114,7 @@ def check_number(
     hint : str
         Advice, for the error.
     error : type
-        Raised.
+        Type of the error.
     """
     limits = (
         (above, "greater than", operator.gt),
@@ -156,7 +156,7 @@ def all_finite(array: Array) -> bool:
 
 
 def read_only[T: np.generic](array: NDArray[T]) -> NDArray[T]:
-    """Return an array itself, now read-only."""
+    """Make an array read-only, and return it."""
     array.setflags(write=False)
     return array
 
@@ -188,8 +188,8 @@ def _libraries() -> ThreadpoolController:
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread in a block or, as a decorator, in a function.
 
-    Products of some hundred numbers take ten times as long with two threads as with one,
-    and a hundred times on a busy machine.
+    Products of a few hundred numbers take ten times as long with two threads as with one,
+    and a hundred times as long on a busy machine.
     """
     with _libraries().limit(limits=1, user_api="blas"):
         yield

@@ -1,4 +1,4 @@
-"""Settings: dataclasses whose numbers declare their ranges, and bounds of YAML files."""
+"""Settings: dataclasses whose numbers declare their ranges, and size limits of YAML."""
 
 import dataclasses
 import re
@@ -10,20 +10,20 @@ import yaml
 from fmp_drake.errors import FmpError
 from fmp_drake.numeric import check_number
 
-# Of YAML text: bytes, nodes with every alias in full, and levels. The station with the
-# most settings has 300 nodes on 5 levels.
+# Limits of YAML text: bytes, nodes with aliases expanded, and levels. The station with
+# the most settings has 300 nodes on 5 levels.
 _MOST_BYTES, _MOST_NODES, _MOST_LEVELS = 2**20, 20_000, 50
 _LONG_INTEGER = re.compile(r"[-+]?[\da-fA-FxXob_:]{100,}")
 
 
 def bounded(default: float | Sequence[float] | None, **limits: Any) -> Any:
-    """Declare a number of a dataclass, or a list of numbers, with its range.
+    """Declare a dataclass field, a number or a list of numbers, with its range.
 
     Parameters
     ----------
     default : float, sequence of floats or None
-        Each instance gets a list of its own. A list must be as long as its default,
-        unless that is empty, as for a list with a value for each joint of any robot.
+        Each instance gets its own list. A list must be as long as its default, unless
+        the default is empty: the number of joints, for example, depends on the robot.
         With None the number may be None.
     **limits : float or str
         Its limits `above`, `least`, `below`, `most`, and a `hint`, as for
@@ -41,15 +41,15 @@ def bounded(default: float | Sequence[float] | None, **limits: Any) -> Any:
 def check_settings(settings: Any, error: type[FmpError], name: str = "") -> None:
     """Check every number of a dataclass, and of the dataclasses in it.
 
-    Numbers must be finite and in the range that `bounded` declared. For conditions
-    beyond ranges a dataclass has a method `inconsistency`. It returns an error message,
+    Numbers must be finite and in the range that `bounded` declared. A dataclass may
+    check further conditions in a method `inconsistency`, which returns an error message
     or an empty string.
 
     Parameters
     ----------
     settings : dataclass
     error : type
-        Raised.
+        Type of the error.
     name : str
         Prefix of the names in messages.
 
@@ -99,7 +99,7 @@ def check_yaml(text: str | bytes, name: str, error: type[FmpError]) -> None:
     name : str
         Of the text, for errors.
     error : type
-        Raised.
+        Type of the error.
 
     Raises
     ------

@@ -17,8 +17,8 @@ from fmp_drake.systems.page.page_panel import PanelFields
 from fmp_drake.systems.page.page_status import mode_in_words
 
 ARM_MODEL: ModelChoice = "mixture"
-"""Model of the skills of a real arm, which cannot wait: it is re-mapped in 11 ms, with its
-choice of samples, a phase model in 36 ms."""
+"""Model of the skills of a real arm, which cannot wait: a re-mapping, including the choice of
+a sample, takes 11 ms with a mixture and 36 ms with a phase model."""
 
 # Control steps between two checks of the keyboard, and between two requests of --go.
 _KEYBOARD_STEPS, _REQUEST_STEPS = 100, 500

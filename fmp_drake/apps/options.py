@@ -31,7 +31,7 @@ SKILL_FLAGS = ("--skill-file", "--skill")
 _LIMITS = ("above", "least", "most")
 # Greatest number of options in the short help of a command.
 _MOST_OPTIONS = 12
-# Former names of options, which still work, with the present ones.
+# Former names of options, which still work, and their present names.
 _FORMER = {
     "--components": "--n-components",
     "--hand": "--task",

@@ -52,8 +52,8 @@ from fmp_drake.systems.page.page_panel import Level, PagePanel
 
 # Simulated time of a run without a viewer, s.
 _DURATION = 60.0
-# Simulated time between two updates of the panel, and just below the interval at which
-# `advance` yields, s.
+# Simulated time between two updates of the panel, and a time just below the interval at
+# which `advance` yields, s.
 _UPDATE_PERIOD, _INTERVAL = 1.0, 0.0999
 _RUN_ANYWAY = "run anyway"
 _BUTTONS_AFTER_A_RUN = {
@@ -238,7 +238,7 @@ def _is_run_anyway(
 ) -> bool:
     """Return whether a viewer of the page decides to run an infeasible skill.
 
-    If it is feasible at a slower tempo, a button sets that.
+    If it is feasible at a slower tempo, a button sets that tempo.
     """
     if panel is None or not is_watched(panel):
         return False
@@ -266,7 +266,7 @@ def _simulate(
     about: dict[str, Any],
     title: str,
 ) -> None:
-    """Simulate and report runs until the viewer requests no other one."""
+    """Simulate and report runs until the viewer requests no further run."""
     panel = None if page.headless else run.panel
     reel = files.begin(console, run)
     rate = play.target_realtime_rate

@@ -40,7 +40,7 @@ from fmp_drake.station import Scenario
 
 # Wiping: length of a path, samples of 1/20 s, and its start in the frame of the board, m.
 _LENGTH, _START = 400, (0.05, 0.20, 0.05)
-# Measures of the claim about held-out scores, with their titles and the better of values.
+# Measures of the claim about held-out scores: title, and function that returns the better.
 _MEASURES: dict[str, tuple[str, Callable[..., Any]]] = {
     "error_mm": ("next second, rms (mm)", min),
     "log_density": ("log density (nats per sample)", max),

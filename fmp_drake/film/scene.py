@@ -1,8 +1,8 @@
 """Pictures of a station: rendered without a screen, with ink, path and caption.
 
-The renderer has no representation of ink. A pixel shows the face of the board where the
-point that is seen lies on it. There the ink is looked up and multiplied with the pixel's
-colour, so that light and shadows stay.
+The renderer has no representation of ink. A pixel shows the face of the board if its
+point, from the depth image, lies on it. There the colour of the ink multiplies the
+pixel's colour, so that light and shadows stay.
 """
 
 import functools
@@ -41,7 +41,8 @@ _RENDERER = "film"
 _NEAR, _FAR = 0.05, 10.0  # Rendered distances, m.
 # Colour of a white board for each remaining fraction of ink, in 255ths.
 _SHADES = ink_colours(np.linspace(0, 1, 256), srgb=True).astype(np.float32)
-# Distance of a pixel's point from the board, m; the mesh of a curved one deviates by half.
+# Distance up to which a pixel's point is on the board, m; the mesh of a curved board
+# deviates by half of it.
 _TOLERANCE = 4e-4
 
 _TRAIL_COLOR = 255 * np.array([TRAIL_COLOR.r(), TRAIL_COLOR.g(), TRAIL_COLOR.b()])

@@ -86,7 +86,7 @@ def draw_component_over_time(
     skill : FourierMovementPrimitive
         Fitted.
     component : int
-        Index; components are sorted by frequency, the most frequent one first.
+        Index; the components of a mixture are sorted by proportion, the largest first.
     axes : sequence of Axes
         One for each channel.
     """
@@ -138,7 +138,7 @@ def draw_component_in_plane(
     skill : FourierMovementPrimitive
         Fitted.
     component : int
-        Index; components are sorted by frequency, the most frequent one first.
+        Index; the components of a mixture are sorted by proportion, the largest first.
     ax : Axes
     demonstrations : Demonstration or sequence of Demonstration
         Drawn in grey.

@@ -60,7 +60,7 @@ def plot_run(run: "StationRun", path: str | Path) -> None:
 
 
 def draw_run(run: "StationRun") -> Figure:
-    """Return a page: path and ink left; cleaned area, force and tracking error over time.
+    """Return a page: path, remaining ink; cleaned area, force and tracking error over time.
 
     In free space there is neither ink nor force. Skills with an orientation also have its
     error. Dotted lines are scheduled re-mappings; dashed lines are re-mappings after a

@@ -22,7 +22,7 @@ from fmp_drake.plots.learned import (
 from fmp_drake.plots.style import Channels, Demonstrations, same_limits, save, shape_of
 from fmp_drake.primitives import FourierMovementPrimitive, Player
 
-# Inches: letters are legible on a page of 800 pixels.
+# Width, inches: letters are legible on a page of 800 pixels.
 _WIDTH = 11.5
 _TUBE = (
     "Tube: 95 % of the windows of a component. Their tempo differs, so the tube is wider "
@@ -42,8 +42,8 @@ def draw_skill(
 ) -> Figure:
     """Return a page about a skill and its demonstrations.
 
-    The demonstrations and the most frequent component of a skill of one channel are drawn
-    over time instead of in the plane. The pictures of a phase model, if any, follow.
+    The demonstrations and the first component of a skill of one channel are drawn over
+    time instead of in the plane. The pictures of a phase model, if any, follow.
 
     Parameters
     ----------

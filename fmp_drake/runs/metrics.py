@@ -32,7 +32,7 @@ PRECISE_FORCE = 0.1
 """Tolerance of a precise normal force, relative to its desired value."""
 
 LANDING = 1.0
-"""Duration of the rise of the force after the first contact, without errors, s."""
+"""Duration of the rise of the force after the first contact, s; its errors do not count."""
 
 # Bin width and range of the histogram of forces, N; the last bin contains larger forces.
 _BIN, _MAX_FORCE = 0.01, 500.0

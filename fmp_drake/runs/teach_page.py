@@ -140,7 +140,7 @@ class TeachPage:
         self._panel.show(**fields)
 
     def attend(self, session: TeachingSession) -> str | None:
-        """Press the button that was clicked after the last call, and return its name."""
+        """Press the button that was clicked since the last call, and return its name."""
         for name, clicks_before in self._clicks.items():
             clicks = self._panel.meshcat.GetButtonClicks(name)
             if clicks != clicks_before:

@@ -115,7 +115,7 @@ def _about_cycles(skill: FourierMovementPrimitive, phase: PhaseModel) -> list[st
 
 
 def _about_playing(skill: FourierMovementPrimitive) -> str:
-    """Return extent, period and greatest speed of the means, played from the middle."""
+    """Return extent, period and greatest speed of a playback of the means."""
     player = Player(skill)
     start = skill.paths_[0][-1] if skill.paths_ else skill.extent_.mean(axis=0)
     motion = player.rollout(start, 2 * _SECONDS)[round(_SECONDS * skill.rate) :]
@@ -155,7 +155,7 @@ def describe_recording(
     end_time: float | None = None,
     period: float | None = None,
 ) -> list[str]:
-    """Return four lines: channels, rate and gaps, cycles, possible learning.
+    """Return four lines: channels, rate, cycles, and whether learning is possible.
 
     `start_time`, `end_time` and `period` are those of `find_rhythm`.
 

@@ -17,7 +17,7 @@ from fmp_drake.station.robots.robot import DEFAULT_ROBOT, ListRobots, MakeRobotM
 from fmp_drake.station.scenario_parts import EraserConfig
 
 _MARGIN = 0.05  # rad
-# Words behind and before the name of a joint that do not tell one arm from another.
+# Words after and before the name of a joint that do not distinguish arms.
 _ANGLE = re.compile(r"[_./ ]?(pos(itions?)?|angles?)$")
 _OF_A_ROBOT = re.compile(r"^((robot\d*|arm|observation|obs|state|measured)[_./])+")
 
@@ -96,7 +96,8 @@ def FindRobot(demonstration: Demonstration, *, robot: str) -> str | None:
     ----------
     demonstration : Demonstration
     robot : str
-        Returned unless the joints have names of their own of another robot of the package.
+        Robot that is tried first. Other robots of the package are recognised only by joint
+        names that are specific to them.
     """
     if RobotJoints(demonstration, robot=robot):
         return robot

@@ -252,7 +252,7 @@ def _is_placed(demonstration: Demonstration) -> bool:
 
 
 def _curved_surface(path: Path, reading: ReadingOptions | None) -> str:
-    """Return a remark where a recording, with its forces, is not of a flat board."""
+    """Return a remark where a recording, with its forces, is of a curved surface."""
     reading = replace(reading or ReadingOptions(), all_arrays=True)
     try:
         recordings, _ = read_demonstrations([path], reading)

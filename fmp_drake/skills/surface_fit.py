@@ -13,7 +13,7 @@ from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import Surface
 
 SHAPES = ("plane", "cylinder", "dome", "bowl")
-"""Shapes of a surface, the simpler first."""
+"""Shapes of a surface, the simplest first."""
 
 # Scale of the robust loss, m.
 _SCALE = 0.005
@@ -168,7 +168,7 @@ def _fit(points: Array, shape: str, up: Array) -> FittedSurface:
     sign = -1.0 if shape == "bowl" else 1.0
 
     def heights(x: Array) -> Array:
-        # g is half the curvature times the height's quadratic equation: its stable root.
+        # The height h solves g = h + k h^2 / 2; this is the numerically stable root.
         q = Rotation.from_rotvec(x[:3]).apply(local) - [0.0, 0.0, x[3]]
         k = sign * x[4]
         g = q[:, 2] + k / 2 * np.sum((is_curved * q) ** 2, axis=1)

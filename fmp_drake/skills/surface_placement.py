@@ -43,8 +43,8 @@ _FAR_BETTER = 0.5
 # Depth below the surface of a tool that touches, as a fraction of the height of its lifts: a
 # model of few cycles mixes contact and lift, and would play a contact 1 or 2 mm too high.
 _DEPTH = 0.01
-# Fraction of the felt's depth by which tilting the tool may lift an edge, and of the normal force
-# that squeezes the whole felt to its core, of which the simulated one bears 70 % at its edges.
+# Fraction of the felt's depth by which tilting the tool may lift an edge, and fraction of
+# `FeltForceLimit` that the simulated felt bears: its pressure is smaller at the edges.
 _TILTED, _BORNE = 0.5, 0.7
 # Tilt above which quaternions may have been read in the wrong order, degrees.
 _LARGE_TILT = 20.0
@@ -52,7 +52,7 @@ _LARGE_TILT = 20.0
 _ROTATIONAL_STIFFNESS = 60.0
 # Displacement of the tool by friction, m: with the default stiffness and 10 N it is 3.3 mm.
 _FRICTION_LAG = 0.0033
-# Further height of a board on which the wrist tilts outwards, m.
+# Additional height of a board on which the wrist tilts outwards, m.
 _RAISED = {"cylinder": 0.10, "dome": 0.25}
 
 
@@ -100,7 +100,7 @@ def place_on_fitted_surface(
     Returns
     -------
     demonstrations : list of Demonstration
-        One of each bout; x, y and z are (u, v, h) on the board.
+        One for each bout; x, y and z are (u, v, h) on the board.
     remarks : list of str
 
     Raises
@@ -329,8 +329,8 @@ def _adapt_controller(scenario: Scenario, extra: Sequence[str]) -> list[str]:
 def _adapt_to_force(scenario: Scenario, uvh: Array, force: Array) -> list[str]:
     """Lower a path, in place, by the compression of the felt; stiffen the controller.
 
-    Friction pulls the tool from its path by its force over the stiffness. The greatest
-    force of the spring remains.
+    Friction displaces the tool from its path by its force over the stiffness. The greatest
+    force of the spring does not change.
 
     Parameters
     ----------

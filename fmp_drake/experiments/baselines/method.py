@@ -132,7 +132,7 @@ class Method(ABC):
     def play(self, past: Array, count: int, *, seed: int) -> Array | None:  # noqa: ARG002
         """Return a movement (count, D) that continues `past`, or None.
 
-        By default each second is predicted from the last samples of the one before.
+        By default each second is predicted from the last samples of the previous one.
         """
         path = past
         while len(path) < len(past) + count:

@@ -189,7 +189,7 @@ class PeriodicDMP(Method):
 def _mean_period(recordings: list[Array]) -> tuple[float, Array]:
     """Return the mean duration, samples, and the mean period, (_POINTS, D).
 
-    With less than two aligned periods it is the last one, closed by a linear correction.
+    With fewer than two aligned periods it is the last one, closed by a linear correction.
     """
     period = movement_period(recordings)
     try:

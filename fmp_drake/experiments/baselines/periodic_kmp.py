@@ -109,7 +109,7 @@ class PeriodicKMP(Method):
         return -0.5 * float(np.sum(error * solved)) / 4
 
     def _best_length(self, periods: Array) -> float:
-        """Return the length scale that best predicts half of the phases from the other."""
+        """Return the length scale that best predicts half of the phases from the others."""
         mean = periods.mean(axis=0)
         mean = mean - mean.mean(axis=0)
         errors = []

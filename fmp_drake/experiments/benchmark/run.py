@@ -179,7 +179,7 @@ def run_job(job: Job) -> MethodScores:
 def score_method(
     method: type[Method], *, movement: Movement, instants: int, places: int = PLACES
 ) -> MethodScores:
-    """Score a method on the `splits` of a movement, with a number of places of each."""
+    """Score a method on the `splits` of a movement, with `places` as for these."""
     scores = MethodScores(method=method.name)
     for split in splits(movement, places=places):
         labels = {

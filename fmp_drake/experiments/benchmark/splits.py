@@ -165,7 +165,7 @@ def splits(movement: Movement, *, places: int = PLACES) -> Iterator[Split]:
     ----------
     movement : Movement
     places : int
-        Number of training parts, the first ones.
+        Number of training parts of each length, starting with the first.
     """
     parts = movement.parts
     for cycles in CYCLES:

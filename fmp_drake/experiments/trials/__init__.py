@@ -1,7 +1,8 @@
 """Randomised scenarios: drawn from distributions, checked, run and judged.
 
 A `TrialSpec` has the distributions, `run_trials` runs the trials that a `TrialStore` does
-not have yet, and `TrialsReport` of `fmp_drake.experiments.trials.trials_report` writes the results.
+not have yet, and `TrialsReport` of `fmp_drake.experiments.trials.trials_report` writes
+the results.
 """
 
 from fmp_drake.experiments.trials.running import run_trials

@@ -15,7 +15,7 @@ from fmp_drake.systems.surface_monitor import TOLERANCE
 LEAST_PRESSED = 0.95
 """Least allowed fraction of the time in contact within 5 N of the desired normal force."""
 LEAST_CONTACT = 0.95
-"""Least allowed fraction of contact in the time in which contact is desired, after the first
+"""Least allowed fraction of time in contact, while contact is desired, from the first
 contact."""
 MOST_FORCE_ERROR = 0.5
 """Greatest allowed rms error of a normal force that changes (a force channel), N."""
@@ -89,12 +89,12 @@ class Trial:
 
     @property
     def has_board(self) -> bool:
-        """Return whether there is a board, or free space."""
+        """Whether there is a board; false in free space."""
         return self.fields["board"].get("shape") != "none"
 
     @property
     def was_run(self) -> bool:
-        """Return whether it was simulated, or an attempt failed."""
+        """Whether it was simulated, or an attempt failed."""
         return self.metrics is not None or bool(self.error)
 
 

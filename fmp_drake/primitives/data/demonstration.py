@@ -242,7 +242,7 @@ class Demonstration:
         return [self.rows(part) for part in parts if len(part) >= _LEAST_SAMPLES]
 
     def rows(self, index: ArrayLike) -> "Demonstration":
-        """Return the demonstration with some samples only: indices, or a mask (N,)."""
+        """Return the demonstration with only the samples of indices or of a mask (N,)."""
         rows = np.asarray(index)
         return replace(self, time=self.time[rows], values=self.values[rows])
 

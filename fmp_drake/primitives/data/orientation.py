@@ -46,7 +46,7 @@ class HasOrientation(Protocol):
 def as_rotation(
     rotations: Rotation | ArrayLike, *, order: QuaternionOrder | None = None
 ) -> Rotation:
-    """Return SciPy's rotations from quaternions, or unchanged where they are such.
+    """Return quaternions as a SciPy Rotation; return a Rotation unchanged.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def as_rotation(
         Quaternions need not be normalised; their signs do not matter.
     order : {"xyzw", "wxyz"}
         Of the quaternions: the scalar last (SciPy, ROS) or first (Drake, Eigen's
-        constructor). Has to be stated for quaternions.
+        constructor). Required for quaternions.
 
     Raises
     ------
@@ -124,8 +124,8 @@ def rotation_vectors(
     Raises
     ------
     DemonstrationError
-        Where two samples are more than 90 degrees apart, or the path leaves the
-        reference by more than `LARGEST_ANGLE`.
+        Where two samples are more than 90 degrees apart, or a sample is farther than
+        `LARGEST_ANGLE` from the reference.
     """
     relative = rotations * Rotation.from_quat(reference).inv()
     vectors = np.atleast_2d(relative.as_rotvec())

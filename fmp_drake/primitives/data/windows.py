@@ -129,7 +129,7 @@ def demonstration_list(recordings: Any, call: str) -> list[Demonstration]:
     ----------
     recordings : Demonstration or sequence of Demonstration
     call : str
-        Of the user, for the error.
+        Call of the user, for the error.
     """
     if isinstance(recordings, Demonstration):
         return [recordings]

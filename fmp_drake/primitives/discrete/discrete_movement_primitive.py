@@ -77,8 +77,8 @@ class DiscreteMovement:
         Parameters
         ----------
         seconds : array_like, shape (...)
-            Time since the start. The movement rests at its start before, and at its end
-            after `duration`.
+            Time since the start. Before it, the movement rests at its start; after
+            `duration`, at its end.
 
         Returns
         -------
@@ -339,7 +339,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
 
 def _mirrored(demonstration: Demonstration, n_steps: int, rate: float) -> Demonstration:
     """Return a movement of n_steps samples and its mirror, as if at a given rate."""
-    # Every second sample of a grid that ends with the movement is a middle.
+    # Every second sample of a grid that ends with the movement is the middle of a part.
     resampled = demonstration.resample(2 * n_steps / demonstration.duration)
     half = resampled.values[1 : 2 * n_steps : 2]
     return replace(

@@ -71,8 +71,8 @@ def transform_space(
     """Return a copy of a skill that is rotated, scaled and translated in space.
 
     Every sample p of the named channels becomes scale * R p + t. The distribution over
-    trajectories is transformed exactly: means, factors and white noise. From a transformed
-    start the transformed movement is played.
+    trajectories is transformed exactly: means, factors and white noise. A playback from a
+    transformed start is the transformed playback.
 
     A rotation is an orthogonal map of the scaled values. It keeps the noise of the
     mixture isotropic where it mixes channels of equal scale. A change of size changes

@@ -10,8 +10,8 @@ from fmp_drake.errors import SkillError
 from fmp_drake.numeric import Array, as_floats, check_number
 
 _SPLINE_DEGREE = 5
-# Fraction of a window at its end that is not played, and the part of it that is not
-# replaced.
+# Fraction of a window, at its end, that is not played, and the fraction of these samples
+# that is not replaced.
 _UNPLAYED = 0.1
 _KEPT = 0.3
 

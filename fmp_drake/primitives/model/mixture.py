@@ -77,7 +77,7 @@ def fit_mixture(
     regularization : float
         Variance added in every direction, in squared units of the weights.
     shrinkage : float
-        Pseudo-counts of the components' shared covariance in each one's.
+        Pseudo-counts of the shared covariance that is mixed into each component's.
     seed : int
         Of the k-means initialisation.
     sample_weights : ndarray, shape (N,), optional

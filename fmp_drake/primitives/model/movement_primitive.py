@@ -42,8 +42,8 @@ from fmp_drake.primitives.model.trajectory_mixture import TrajectoryMixture
 
 ModelChoice = Literal["mixture", "phase", "automatic"]
 
-# Default number of samples in a window. For a phase model: periods in a window up to
-# that size, and their least number.
+# Default window, samples and s; the greater counts. For a phase model: periods in a
+# window up to that size, and their least number.
 _DEFAULT_STEPS, _DEFAULT_WINDOW = 120, 6.0
 _PERIODS, _LEAST_PERIODS = 3.2, 1.2
 
@@ -73,9 +73,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
     polish and draw an 8, they give the next minute a mean log-likelihood of 17.0 nats
     per sample, `PAPER_SETTINGS` 6.7 (from 30 s: 15.5 against -771). Phase is an angle,
     so the weights lie near a closed curve: many components follow it, and shrinkage
-    keeps their covariances from overfitting the few windows of each. The phase model,
-    in which it is an angle, gives 20.8 and predicts the next second with 0.84 to 0.90
-    of the error. It is learned where the demonstrations allow it.
+    keeps their covariances from overfitting the few windows of each. The phase model
+    represents the phase explicitly: it gives 20.8 and predicts the next second with 0.84
+    to 0.90 of the error. It is learned where the demonstrations allow it.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         short: one for each 7 windows, at least 5. It is an upper limit for the phase
         model, which has one for each sample of a period, from 30 to 80.
     overlap : int, optional
-        K, samples that two consecutive windows share when a skill is played. Where None
+        K, samples that two consecutive windows share when a skill is played. Where None:
         half a second, at most a quarter of `window`; 10 with `n_steps`.
     explained_variance : float
         Fraction of the windows' variance that the components model in full; the
@@ -525,9 +525,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         return max(round(max(nominal, _LEAST_PERIODS * period)), 4 * self.overlap)
 
     def mixture_steps(self, longest: int) -> int:
-        """Return the samples that are chosen for a window where nothing repeats.
+        """Return the default size of a window of a mixture, samples.
 
-        They follow from the samples of the longest recording.
+        It follows from the length of the longest recording, samples.
         """
         return int(np.clip(longest // 2, 4 * self.overlap, self._most_steps))
 

@@ -90,7 +90,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         The real weights are an isometry of the samples, so this is a density over
         trajectories, in units^-(T*D). It contains a broad background, so that it does
         not vanish for a new kind of movement. A mixture with a requested model or
-        number of components has none.
+        number of components has no background.
         """
         self.check_fitted()
         weights = self.analyze(self._windows(X, at_least=1).values)
@@ -184,8 +184,8 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         Returns
         -------
         centre, deviation : ndarray, shape (size, D*T)
-            Two parts that add up: the mean, or of a phase model the cycle at a random
-            phase velocity, and the deviation from it.
+            Two parts that add up: the mean (with a phase model, the cycle at a random
+            phase velocity), and the deviation from it.
         """
         self.check_fitted()
         gaussian = self.components_[component]
@@ -284,7 +284,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         return PredictionPlan(self, horizon).predict(values)
 
     def infer(self, values: ArrayLike, channels: Sequence[str | int]) -> Prediction:
-        """Infer the other channels of a movement from some, with covariances.
+        """Infer the other channels of a movement from observed ones, with covariances.
 
         The components are averaged by their evidence. Far from its reference step a
         component of a phase model is not accurate, so each sample is inferred from the

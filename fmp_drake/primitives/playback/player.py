@@ -459,7 +459,7 @@ class Player:
         ----------
         state : PlaybackState
         values : ndarray, shape (N, D)
-            Values at the ticks up to the end of the present window.
+            Values at the ticks up to the next re-mapping.
         """
         skill, end = self.skill, replace(self._later(state, values), sample=False)
         next_state = self.remap(end)
@@ -637,8 +637,8 @@ class Player:
 def _start_variances(skill: FourierMovementPrimitive, fraction: float) -> Array:
     """Return lambda of (13) for a start, per channel, shape (D,).
 
-    `fraction` is that of the movement's half width: root 2 of its standard deviation over
-    all channels of a unit together, which a rotation does not change. Only the offset
+    `fraction` is relative to the movement's half width: root 2 times the standard deviation
+    over all channels of a unit together, which a rotation does not change. Only the offset
     adapts to a measured force, because without contact it is not informative.
     """
     check_number(fraction, "start_tolerance", least=0)

@@ -135,7 +135,7 @@ def _tables_of(path: Path, content: Mapping[str, Any]) -> list[Table]:
     tables = []
     for recording in _recordings(content):
         arrays = {name: np.asarray(value) for name, value in _flat(recording)}
-        if len(arrays) == 1:  # Of one matrix the columns have no names.
+        if len(arrays) == 1:  # The columns of a single matrix have no names.
             arrays = {"": next(iter(arrays.values()))}
         tables.append(table_of(path, arrays))
     return tables
@@ -198,8 +198,8 @@ def table_of(
     """Return a table of arrays (N,) and (N, k) of equal length.
 
     The columns of an array (N, 3) are named `name_x` and so on, those of others `name_1`.
-    Matrices (N, 4, 4) have 16 columns. Shorter arrays are left out. With a rate (Hz), or an
-    array that is named so, there is a column of times.
+    Matrices (N, 4, 4) have 16 columns. Shorter arrays are left out. A rate (Hz), given or
+    found among the arrays, adds a column of times.
     """
     arrays = align_arrays(arrays)
     count = max((len(a) for a in arrays.values() if a.ndim in (1, 2)), default=0)
@@ -331,7 +331,7 @@ def _json_content(path: Path, lines: list[str]) -> Any:
 
 
 def _listed(content: dict[str, Any]) -> Any:
-    """Return an object with the keys "0", "1" and so on, as by pandas, as a list."""
+    """Return an object with the keys "0", "1" ..., which pandas writes, as a list."""
     is_list = "0" in content and list(content) == [*map(str, range(len(content)))]
     return list(content.values()) if is_list else content
 
@@ -397,7 +397,7 @@ def read_matlab(path: Path, _options: ReadingOptions) -> list[Table]:
 
 
 def read_excel(path: Path, options: ReadingOptions) -> list[Table]:
-    """Return the columns of the first sheet of a workbook that holds a table.
+    """Return the columns of the first sheet with a table in a workbook.
 
     Parameters
     ----------

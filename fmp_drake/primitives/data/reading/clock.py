@@ -26,15 +26,15 @@ _TIMES = (
     ),
 )
 _NANOSECONDS = ("nsecs", "nsec", "nanosec")
-# Times of day of a recording, s: since 1970, from 2001 on, and ticks of 100 ns since the
-# year 1 or 1601.
+# Ranges of absolute times, s: since 1970, for dates from 2001 on; for ticks of 100 ns,
+# since the year 1 or 1601.
 _EPOCHS = {
     **dict.fromkeys(("s", "ms", "us", "ns"), (1e9, 4e9)),
     "100 ns": (1.2e10, 7e10),
 }
-# Plausible sample intervals of a recorded movement, and longest one of a time of day, s.
+# Plausible sample intervals of a recorded movement, and the longest with absolute times, s.
 _INTERVALS, _LONGEST_INTERVAL = (4e-4, 0.5), 1.0
-# Greatest fraction of samples whose time repeats with other values, and with any.
+# Greatest fraction of samples whose time repeats, with different and with any values.
 _MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
 # Steps backwards in time, in sample intervals, up to which samples are put in order.
 _LARGEST_STEP_BACK = 3.0
@@ -89,7 +89,7 @@ def time_column(
 def _missing_time(
     columns: Sequence[Column], listed: str, remarks: Sequence[str]
 ) -> str:
-    """Return why there is no time, and what to do."""
+    """Return the error message for a missing time, with advice."""
     others = [remark for remark in remarks if remark.endswith("left out: not numeric")]
     beside = f" ({others[0]})" if others else ""
     clock = next((c for c in columns if c.is_increasing and not c.is_counter), None)
@@ -113,7 +113,7 @@ def _stamps(columns: Sequence[Column]) -> list[tuple[Column, ...]]:
 
 
 def _is_stamp(seconds: Column, fraction: Column) -> bool:
-    """Return whether whole numbers count on where the others begin again, like a clock."""
+    """Return whether whole seconds increase where their fraction wraps, as in a clock."""
     values = np.column_stack([seconds.values, fraction.values])
     if not np.all(values % 1 == 0) or np.min(values) < 0 or np.max(values[:, 1]) < 1e4:
         return False

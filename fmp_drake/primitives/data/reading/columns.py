@@ -59,13 +59,13 @@ _COMMANDED = re.compile(
 NO_MEASURED_ANGLES = re.compile(
     rf"{_COMMANDED.pattern}|vel|acc|speed|tau|torque|effort|force|current|temp"
 )
-"""Words before the numbers of joints in the names of other values than measured angles."""
+"""Words in the names of numbered joint values that are not measured angles."""
 _FORCE = re.compile(r"(.*?)_?(?:(?<![a-z0-9])f|force)_?([xyz])")
 NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
     r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau|ori)$|^(q|v|a|w|b)_"
 )
-"""Words in the names of axes that are no position."""
+"""Words in the names of axes that are not positions."""
 _UNITS = (
     (
         re.compile(
@@ -175,7 +175,7 @@ def _complete_rows(
     incomplete = [n for n, e in zip(channels, is_empty.T, strict=True) if np.any(e)]
     choice = next((r for r in remarks if r.startswith(f"{SEVERAL} positions")), "")
     if count > (1 - _LEAST_COMPLETE) * len(values) or (count and choice):
-        # The channels that most samples have; of equally many a position.
+        # The channels that most samples have; in a tie, those with more position axes.
         known, counts = np.unique(~is_empty, axis=0, return_counts=True)
         is_axis = np.isin(list(channels), POSITION_CHANNELS)
         axes = np.count_nonzero(known & is_axis, axis=1)
@@ -352,7 +352,7 @@ def _groups(columns: Sequence[Column], form: re.Pattern[str], axes: str) -> _Gro
 
 
 def _unit(column: Column, channel: str, options: ReadingOptions) -> str:
-    """Return the unit of a channel without one: of its name, an option, or its kind."""
+    """Return the unit that name, option or kind imply, if the header has none."""
     if channel in POSITION_CHANNELS:
         return column.suffix or options.unit or "m"
     forms = (unit for form, unit in _UNITS if form.fullmatch(column_key(channel)))
@@ -360,7 +360,7 @@ def _unit(column: Column, channel: str, options: ReadingOptions) -> str:
 
 
 def _check_quaternions(quaternions: Array) -> None:
-    """Refuse quaternions (N, 4) that are not of unit length, to a tenth."""
+    """Refuse quaternions (N, 4) whose length differs from 1 by a tenth or more."""
     lengths = np.linalg.norm(quaternions, axis=1)
     worst = float(np.max(np.abs(lengths - 1), initial=0.0))
     if not worst < _LENGTH_ERROR:

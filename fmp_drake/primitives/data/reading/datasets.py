@@ -27,7 +27,7 @@ _POSE = re.compile(r"(?!next_)(?:.*/)?((\w*_)?ee|\w*eef|tcp)_(pos|quat)")
 _JOINTS = re.compile(r"(?:.*/)?observations/qpos")
 # Datasets that are read only where there are no others.
 _COMMANDS = re.compile(r"actions?(/|$)")
-# Groups of one episode each beside one another.
+# Names of sibling groups that contain one episode each.
 _EPISODE = re.compile(r"(traj|trajectory|episode|demo|demonstration)_?\d+")
 
 

@@ -21,8 +21,8 @@ _CARTESIAN = re.compile(r"(.*_)?(cart|cartesian|ee|eef|tcp|tool|flange|pose)_")
 _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
 _JOINT_STATE = re.compile(r"(.*)_position")
 _RATES_OF_JOINTS = ("velocity", "effort")
-# Greatest error of a quaternion's length: without a name that announces it, and with
-# one.
+# Greatest error of a quaternion's length, where the name does not say that it is a
+# quaternion, and where it does.
 _EXACT, _STATED = 1e-3, 0.1
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
@@ -30,7 +30,7 @@ _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 class Group(NamedTuple):
     """Columns that replace others.
 
-    `sources` are the numbers of the others from 0. `values` has a column for each name.
+    `sources` are the indices of the replaced ones. `values` has a column for each name.
     """
 
     sources: set[int]
@@ -90,7 +90,7 @@ def column_groups(
             units = [u or unit * (i < 3) for i, u in enumerate(units)]
             yield Group(set(sources), labels, units, poses, remark)
     yield from _joint_states(table.names, keys, values)
-    if set("wxyz") <= set(keys):  # Without a word that says so.
+    if set("wxyz") <= set(keys):  # A quaternion whose name does not say so.
         sources = [len(keys) - 1 - keys[::-1].index(axis) for axis in "xyzw"]
         if _is_unit(values[:, sources], _EXACT):
             yield Group(set(sources), list(_POSE[3:]), [""] * 4, values[:, sources])
@@ -117,7 +117,7 @@ def _numbered_joints(
 def _joint_states(
     names: Sequence[str], keys: Sequence[str], values: Array
 ) -> Iterator[Group]:
-    """Yield the positions of joints whose velocities or efforts are there, too."""
+    """Yield the positions of joints that also have a velocity or an effort."""
     joints = dict[str, int]()
     rates = set[int]()
     for i, name in enumerate(keys):
@@ -135,7 +135,7 @@ def _joint_states(
 def _joints(
     labels: list[str], sources: list[int], rates: set[int], values: Array
 ) -> Group:
-    """Return joint angles that replace themselves, their velocities and efforts."""
+    """Return joint angles as a group that also replaces their velocities and efforts."""
     remark = "velocities and efforts of joints left out" if rates else ""
     units = ["rad"] * len(labels)
     return Group({*sources, *rates}, labels, units, values[:, sources], remark)

@@ -111,7 +111,7 @@ def _read_packed(path: Path, options: ReadingOptions) -> list[Table]:
         file.write_bytes(content)
         try:
             return read_tables(file, options)
-        except FmpError as error:  # Name the file of the user.
+        except FmpError as error:  # Name the user's file.
             raise type(error)(str(error).replace(str(file), str(path))) from None
 
 

@@ -1,4 +1,4 @@
-"""Readers of tables of motion capture: OptiTrack Motive, Vicon Nexus, TRC."""
+"""Readers of motion-capture tables: OptiTrack Motive, Vicon Nexus, TRC."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,7 +28,7 @@ def is_vicon(text: bytes) -> bool:
 
 
 def read_optitrack(path: Path, _options: ReadingOptions) -> list[Table]:
-    """Return the rigid bodies of an OptiTrack export, or its markers without any.
+    """Return the rigid bodies of an OptiTrack export, or its markers if it has none.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def read_vicon(path: Path, _options: ReadingOptions) -> list[Table]:
 
 
 def read_trc(path: Path, _options: ReadingOptions) -> list[Table]:
-    """Return the markers of a TRC file, as of OpenSim.
+    """Return the markers of a TRC file, the format of OpenSim.
 
     Raises
     ------

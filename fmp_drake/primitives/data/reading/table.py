@@ -36,7 +36,7 @@ _SYMBOLS = {
     **dict.fromkeys(("degrees", "degree"), "deg"),
 }
 _SUFFIXES = "|".join(sorted({*TIMES, *LENGTHS, *ANGLES}, key=len, reverse=True))
-# Columns that only count, and axes before the word for a position.
+# Names of columns that only count, and names with the axis before the word `position`.
 _COUNTER = re.compile(
     r"|unnamed_0|(.*_)?(index|idx|seq|frame|frame_number|sample|count|counter|row|no|id|i|n)"
 )
@@ -66,7 +66,7 @@ class Table:
     frame : str
         Name of the frame of the values; "" where unknown.
     words : mapping from str to str
-        First words of the columns of words, by their names.
+        First cell of each column of words, by its name.
     saved : mapping, optional
         Fields of a demonstration that the package saved; such a table has no columns.
 
@@ -286,8 +286,9 @@ def shown_columns(names: tuple[str, ...], numbers: tuple[int, ...]) -> str:
 class Column(NamedTuple):
     """A column of a table, with its number from 0.
 
-    `place` is its number in the file, from 1; 0 for a computed one. `key` is its name in lower case, words joined by underscores, without a unit at its
-    end, which is the `suffix`. `header_unit` is the unit of its header.
+    `place` is its number in the file, from 1; 0 for a computed one. `key` is its name in
+    lower case, words joined by underscores, without the unit at its end, which is the
+    `suffix`. `header_unit` is the unit of its header.
     """
 
     number: int

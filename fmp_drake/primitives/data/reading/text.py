@@ -38,14 +38,14 @@ _COMPACT_DATE = re.compile(r"(\d{4})(\d\d)(\d\d)[_T-](\d\d)(\d\d)(\d\d)")
 # List of numbers in a cell, and what separates them.
 _LIST = re.compile(r""""?(?:array\()?(?:'d', ?)?[\[(]([-+.\deE,; \[\]]+)[\])]+"?""")
 _LIST_MARK = re.compile(r"[,; \[\]]+")
-# Greatest fraction of broken rows that are left out; rows of which one may be broken.
+# Greatest fraction of broken rows that are left out; number of rows that allows one.
 _MOST_BROKEN, _FEW = 0.01, 20
 # Greatest number of broken rows that a command deletes.
 _MOST_DELETED = 20
 # Greatest number of lines before the numbers.
 _LONGEST_PREAMBLE = 200
 _UNIT = re.compile(r"[\[(]?(|[numkcd]?s|[munc]?m|m?rad|deg|°|N|N/?m|-|m/s|rad/s)[\])]?")
-# Columns of numbers that tell one sensor from another, and the most of them.
+# Names of columns of numbers that identify a sensor, and the greatest number of sensors.
 _SOURCE = re.compile(
     r"(.*_)?(device|sensor|source|marker|body|hand|controller|tracker|object|serial)"
     r"(_?id|_?index|_?no|_?number)?",
@@ -58,8 +58,8 @@ def read_text(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the columns of a table in a text file.
 
     Comments and other lines before the numbers are skipped. The last of them is the
-    header where it has as many cells. Columns that are not numeric are left out. Of rows
-    of several sensors in turn those that the option `topic` names are read.
+    header where it has as many cells. Columns that are not numeric are left out. Where
+    the rows of several sensors alternate, those that the option `topic` names are read.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def table_of_lines(
     width = len(first)
     is_first = not any(map(str.strip, lines[:start])) and len(lines) > start + 1
     if is_first and width > 1 and first == [str(i) for i in range(width)]:
-        start += 1  # Numbers instead of names, as by pandas.
+        start += 1  # Numbers instead of names, as pandas writes them.
         first = split_cells(lines[start], delimiter)
         header, units = [""] * width, [""] * width
     else:
@@ -155,8 +155,8 @@ def table_of_lines(
 class _Rows(NamedTuple):
     """Rows of a table.
 
-    `values` (N, C) are 0 in columns of words, whose `words` are apart. `broken` has the
-    number of each line that cannot be read, the reason, and its column, if it is one.
+    `values` (N, C) are 0 in columns of words; `words` contains their cells. `broken` has
+    the number of each line that cannot be read, the reason, and its column, if it is one.
     """
 
     values: Array
@@ -168,7 +168,7 @@ class _Rows(NamedTuple):
 def _read_rows(
     lines: list[str], start: int, delimiter: str, labels: list[str], words: list[int]
 ) -> _Rows:
-    """Return the rows from a line on; columns have labels, some of them words."""
+    """Return the rows from a line on; `words` are the indices of columns of words."""
     width, numbers, has_commas = len(labels), array("d"), False
     broken: list[tuple[int, str, int | None]] = []
     found: list[list[str]] = [[] for _ in words]
@@ -224,8 +224,8 @@ def _with_whole_cells(lines: list[str]) -> list[str]:
 def _without_lists(lines: list[str]) -> tuple[list[str], list[int]]:
     """Return lines in which the numbers of a list in one cell are columns of their own.
 
-    The second value are the numbers of these columns in the file, from 1, 0 for further
-    elements of a list; it is empty where there is no list.
+    The second value lists the numbers of these columns in the file, from 1, with 0 for
+    further elements of a list; it is empty where there is no list.
     """
     for delimiter in (",", ";", "\t"):
         rows = [split_cells(line, delimiter) for line in lines[:2]]
@@ -248,7 +248,7 @@ def _without_lists(lines: list[str]) -> tuple[list[str], list[int]]:
 
 
 def _most_broken(rows: int) -> float:
-    """Return the greatest number of broken lines beside rows of numbers."""
+    """Return the allowed number of broken lines beside a number of intact rows."""
     return max(_MOST_BROKEN * rows, rows >= _FEW)
 
 
@@ -356,7 +356,7 @@ def number_in(cell: str) -> float | None:
 def _date_in(cell: str) -> float | None:
     """Return a date and time in seconds since 1970, or a time of day in seconds.
 
-    Days come before months with dots, months before days with slashes.
+    With dots, the day comes before the month; with slashes, the month before the day.
     """
     match = _DATE.fullmatch(_COMPACT_DATE.sub(r"\1-\2-\3 \4:\5:\6", cell))
     if match is None:

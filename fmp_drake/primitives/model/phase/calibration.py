@@ -48,7 +48,8 @@ _MODEL_CYCLES = 5.0
 # relative variance of a channel.
 _LOCAL_FRACTION, _LEAST_RELATIVE = 0.4, 0.003
 # The model's variances of few cycles are uncertain: 1 + _VARIANCE_UNCERTAINTY / cycles. All
-# grow with the horizon, from the middle one on, by a power that falls from _GROWTH with cycles.
+# grow with the horizon relative to the middle one, by a power that falls from _GROWTH with
+# the number of cycles.
 _VARIANCE_UNCERTAINTY, _GROWTH, _GROWTH_CYCLES, _MIDDLE_HORIZON = 1.5, 0.5, 3.0, 10.0
 # The least weight of the left-out parts of n cycles is n^2 / _CYCLES_OF_MANY.
 _CYCLES_OF_MANY = 8.0

@@ -12,7 +12,7 @@ from fmp_drake.primitives.model.phase.rhythm import Part
 # Greatest distance between the end of one recording and the beginning of the next,
 # relative to the size of the movement.
 _CLOSED = 0.3
-# Rest at an end, relative to the rest of the recording, that is not reported.
+# Pause at an end, relative to the remainder of the recording, that is not reported.
 _SHORT = 0.1
 
 
@@ -23,7 +23,7 @@ class Loops:
     Attributes
     ----------
     values : ndarray, shape (n, D)
-        The recordings without the rests at their ends, one after another; a straight line
+        The recordings without the pauses at their ends, one after another; a straight line
         joins the end of one to the beginning of the next.
     order : tuple of int
         Indices of the recordings in the order in which they are joined. The other
@@ -43,7 +43,7 @@ class Loops:
     lengths: tuple[int, ...]
 
     def parts(self, parts: Sequence[Part], rate: float) -> list[Part]:
-        """Return parts of `values` as parts of the recordings, with long rests."""
+        """Convert parts of `values` to parts of the recordings, and add long pauses."""
         out = []
         loops = zip(self.order, self.intervals, self.starts, self.lengths, strict=True)
         for i, (first, stop), offset, length in loops:

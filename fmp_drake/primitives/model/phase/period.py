@@ -7,7 +7,7 @@ import numpy as np
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array
 
-# Samples.
+# Shortest period, samples.
 _SHORTEST = 4.0
 # An earlier peak of at least this fraction of the highest one is the fundamental's.
 _ALMOST = 0.8
@@ -90,8 +90,8 @@ def possible_periods(recordings: Sequence[Array]) -> list[float]:
     """Return the fundamental period and other candidates, in samples.
 
     The others increase: fractions and multiples of the first, and the first peaks of the
-    autocorrelation. Where the tempo varies a lot, a later and higher
-    peak may be the period of the tempo.
+    autocorrelation. Where the tempo varies a lot, a later and higher peak may be the
+    period of its variation.
 
     Raises
     ------

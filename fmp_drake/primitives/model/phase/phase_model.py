@@ -120,7 +120,7 @@ class PhaseModel:
         n_velocity = len(velocity.process.coefficients) + count - 1
         n_residual = len(process.coefficients) + count
         d = self.cycle.coefficients.shape[1]
-        # One draw, so that the first sample does not depend on their number.
+        # One draw, so that the first window does not depend on the number of windows.
         normals = rng.standard_normal((size, 1 + n_velocity + n_residual * d))
         uniform, normals = normals[:, :1], normals[:, 1:]
         draws = normals[:, n_velocity:].reshape(size, n_residual, d)

@@ -147,7 +147,7 @@ class Autoregression:
 
 @compiled
 def _run(values: Array, coefficients: Array) -> None:
-    """Add the regression on the p values before to all values (S, n, D) but the first p."""
+    """Add the regression on the previous p values to values (S, n, D) after the first p."""
     p, d, _ = coefficients.shape
     for s in range(len(values)):
         for t in range(p, values.shape[1]):

@@ -21,7 +21,8 @@ _LARGE_FRACTION = 0.2
 _LEAST_CHANGE, _STANDARD_ERRORS = 0.25, 3.0
 # Least drift that is reported.
 _LEAST_DRIFT = 0.1
-# Quantile of the distances of a lift from its median place, and their least value in sizes.
+# Quantile of the distances of a lift from its median position, and its least value relative
+# to the size of the movement.
 _AWAY_QUANTILE, _AWAY = 0.75, 0.2
 OTHER = 3
 """Label of samples of another movement, beside those of a segmentation."""
@@ -104,7 +105,7 @@ class Rhythm:
         return omitted / (omitted + sum(part.duration for part in self.bouts))
 
     def shifted(self, seconds: float) -> "Rhythm":
-        """Return the rhythm of recordings that begin later by some seconds."""
+        """Return the rhythm with all instants later by some seconds."""
 
         def shift(part: Part) -> Part:
             return replace(
@@ -201,7 +202,8 @@ def rhythm_of_labels(
 ) -> Rhythm:
     """Return the rhythm of labels (n,) of all samples, and of the track of the bouts.
 
-    A bout may begin before the first sample of its track, one of `starts`: at a turn.
+    A bout may begin, at a turn, before the first sample of its track; `starts` are the
+    indices of these first samples.
     """
     history = track.history
     points = np.concatenate(track.recordings)
@@ -232,7 +234,7 @@ def rhythm_of_labels(
 def _cycle_ends(phase: Array, start: int, rate: float) -> tuple[float, ...]:
     """Return the instants, s, at which a phase (n,) has grown by whole turns.
 
-    Its first sample is number `start` of its recording.
+    The index of its first sample in the recording is `start`.
     """
     growth = np.maximum.accumulate(phase - phase[0]) / (2 * np.pi)
     steps = np.interp(np.arange(1.0, growth[-1]), growth, np.arange(len(phase)))

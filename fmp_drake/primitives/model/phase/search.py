@@ -73,10 +73,10 @@ _STRICT, _ALIGNED, _LENIENT = _Limits(4.0, 0.05), _Limits(1.25, 0.15), _Limits(3
 _MOST_SHIFTED, _STEADY = 0.5, 0.05
 # Bounds of the mean phase velocity relative to its initial estimate.
 _VELOCITIES = (0.6, 1.6)
-# Greatest relative difference of two equal periods, of a period and its initial estimate
-# that leads to no other, and of two estimates of one period.
+# Greatest relative difference between candidates that count as equal, between a candidate
+# and an attempt that makes it superfluous, and between estimates that confirm each other.
 _SAME, _SIMILAR, _NEAR = 0.05, 0.15, 0.25
-# Samples.
+# Shortest bout, samples.
 _SHORTEST_BOUT = 12
 # Shortest bout, in periods, and harmonics of its initial cycle.
 _LEAST_BOUT, _HARMONICS = 0.5, 6
@@ -388,9 +388,9 @@ def _is_clear(attempt: _Attempt) -> bool:
 
 
 def _cost(attempt: _Attempt, rival: _Attempt | None = None) -> float:
-    """Return the mean misfit of samples, in bouts of the attempt and beside them.
+    """Return the mean misfit of samples inside and outside the bouts of an attempt.
 
-    They are all samples, or those in bouts of the attempt or of its rival.
+    The mean is over all samples or, with a rival, over those in bouts of either.
     """
     count = sum(map(len, attempt.labels))
     if rival is not None:
@@ -403,7 +403,7 @@ def _cost(attempt: _Attempt, rival: _Attempt | None = None) -> float:
 def _with_other_movement(
     recordings: Sequence[Array], attempt: _Attempt, rate: float
 ) -> tuple[list[Indices], _Attempt | None]:
-    """Return labels (n,) with those of another movement, and the attempt at that.
+    """Return labels (n,) that mark another movement, and the attempt at that movement.
 
     It is the rhythm of the parts that are left out, if they have one.
     """
@@ -489,8 +489,8 @@ def _attempt(
 ) -> _Attempt | None:
     """Segment recordings and track the phase of the bouts; None where there are none.
 
-    With a known period, everything that repeats, or all, is a bout where one cycle is not
-    found.
+    Where the period is known but no cycle is found, all samples that repeat are bouts, or
+    all samples if none repeats.
     """
     aligned = aligned_samples(recordings, period)
     segmentation = segment(recordings, aligned, period)

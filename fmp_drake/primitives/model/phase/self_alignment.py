@@ -19,7 +19,7 @@ _LEAST_GAIN, _MOST_SPEED = -5.0, 2.0
 _LAGS_PER_STEP = 24
 # Bounds of the lag, samples, and the least number of cycles in a recording.
 _SHORTEST_LAG, _LONGEST_LAG, _LEAST_CYCLES = 8, 800, 1.25
-# Most pairs of samples that are compared, at a gigabyte.
+# Most pairs of samples that are compared; they take a gigabyte.
 _MOST_PAIRS = 1.2e8
 # Greatest ratio of lags of one period.
 _SAME_PERIOD = 1.25
@@ -97,8 +97,8 @@ def self_alignments(
 ) -> list[Alignment]:
     """Return disjoint alignments of a recording (n, D) with itself, the best one first.
 
-    An alignment is a local one, as of Smith and Waterman: dynamic programming finds the start,
-    the end and the lag of each sample together. Positions and velocities are compared.
+    An alignment is local (Smith and Waterman): dynamic programming finds the start, the end
+    and the lag of each sample together. Positions and velocities are compared.
     Rest does not score, and a slow approach to the movement is not similar to it.
 
     Parameters
