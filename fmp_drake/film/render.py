@@ -26,7 +26,7 @@ from fmp_drake.station.scenario_parts import FORCE_TOLERANCE, CameraConfig
 from fmp_drake.systems import InkGrid
 from fmp_drake.systems.surface.surface import place
 
-FILM_SIGNALS = ("measured_position", "normal_force")
+FILM_SIGNALS = ("measured_position", "normal_force", "desired_normal_force")
 """Names of the signals that a run must keep for its film."""
 
 _MAX_FPS = {".mp4": 120.0, ".gif": 50.0}
@@ -223,17 +223,19 @@ def _captions(run: StationRun, reel: FilmReel) -> list[str]:
     texts = [f"{time:.0f} s{speed}" for time in reel.times]
     if not isinstance(run, WipingRun):
         return texts
-    desired = run.scenario.press.force
-    desired_range = (
-        f"{max(0.0, desired - FORCE_TOLERANCE):g} to {desired + FORCE_TOLERANCE:g} N"
-    )
-    forces = np.interp(
-        reel.times, run.log_times("normal_force"), run.log("normal_force")[:, 0]
-    )
+    times, values = run.log_times("normal_force"), run.log("normal_force")[:, 0]
+    forces = np.interp(reel.times, times, values)
+    desired = np.interp(reel.times, times, run.desired_force())
+    ranges = [
+        f"{max(0.0, force - FORCE_TOLERANCE):.3g} to {force + FORCE_TOLERANCE:.3g} N"
+        for force in desired
+    ]
     cleaned = 100 * run.cleaned_by(reel.times)
     return [
-        f"{text}\nforce {force:.1f} N (desired {desired_range})\ncleaned {percent:.0f} %"
-        for text, force, percent in zip(texts, forces, cleaned, strict=True)
+        f"{text}\nforce {force:.1f} N (desired {allowed})\ncleaned {percent:.0f} %"
+        for text, force, allowed, percent in zip(
+            texts, forces, ranges, cleaned, strict=True
+        )
     ]
 
 

@@ -179,9 +179,7 @@ def _draw_force(ax: Axes, run: "WipingRun") -> None:
     from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 
     times, force = run.log_times("normal_force"), run.log("normal_force")[:, 0]
-    desired = np.full(len(force), run.scenario.press.force)
-    if run.roles.force is not None:
-        desired = run.log("desired_normal_force")[:, 0]
+    desired = run.desired_force()
     low, high = np.maximum(desired - FORCE_TOLERANCE, 0.0), desired + FORCE_TOLERANCE
     style: dict[str, Any] = {"color": "#009E73", "alpha": 0.12, "linewidth": 0}
     if run.roles.force is None:

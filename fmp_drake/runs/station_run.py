@@ -458,6 +458,12 @@ class WipingRun(StationRun):
         area = self.demonstrated_area & (self.initial_ink >= CLEAN_BELOW)
         return cleaned_history(self.erase_time(), area, times)
 
+    def desired_force(self) -> Array:
+        """Return the desired normal force at the times of `normal_force`, N, shape (N,)."""
+        if self.roles.force is not None:
+            return self.log("desired_normal_force")[:, 0]
+        return np.full(len(self.log_times("normal_force")), self.scenario.press.force)
+
     def _final_signals(self) -> dict[str, Array]:
         return {"ink": self.ink(), "erase_time": self.erase_time()}
 

@@ -87,7 +87,7 @@ def _about_windows(skill: FourierMovementPrimitive) -> list[str]:
         (
             f"{seconds:.0f} s are short for a mixture with windows of {window:g} s: "
             f"{seconds / window:.1f} of them do not overlap, and a component has "
-            f"{windows_per_component:.1f} that do. What it has not seen will leave its span; record "
+            f"{windows_per_component:.1f} that do. It does not represent movements unlike these; record "
             f"{_ENOUGH_WINDOWS * window:.0f} s or four equal cycles"
         )
     ]
@@ -213,7 +213,7 @@ def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> s
             windows = as_windows(
                 [demonstration],
                 n_steps=n_steps,
-                stride=skill.window_stride,
+                stride=FourierMovementPrimitive(n_steps=n_steps).window_stride,
                 rate=skill.rate,
             )
         except DemonstrationError as error:

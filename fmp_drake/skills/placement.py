@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from fmp_drake.errors import DemonstrationError
+from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.numeric import Array, check_number
 from fmp_drake.primitives import Demonstration, ReadingOptions, read_demonstrations
 from fmp_drake.primitives.data.channels import (
@@ -256,7 +256,7 @@ def _curved_surface(path: Path, reading: ReadingOptions | None) -> str:
     reading = replace(reading or ReadingOptions(), all_arrays=True)
     try:
         recordings, _ = read_demonstrations([path], reading)
-    except DemonstrationError:
+    except (DemonstrationError, SkillFileError):
         return ""
     return curved_surface_remark(recordings)
 

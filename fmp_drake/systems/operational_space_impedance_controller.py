@@ -382,9 +382,10 @@ class OperationalSpaceImpedanceController(LeafSystem):
         X_WT, frame = self._X_WT, self._ports["task_frame"]
         if frame.HasValue(context):
             pose = _eval(frame, context)
-            X_WT = RigidTransform(
-                Quaternion(pose[:4] / np.linalg.norm(pose[:4])), pose[4:]
-            )
+            length = np.linalg.norm(pose[:4])
+            # Without a finite frame it is the assumed one, as for the law.
+            if np.isfinite(np.sum(pose)) and length > 0:
+                X_WT = RigidTransform(Quaternion(pose[:4] / length), pose[4:])
         R_WE = RotationMatrix.ProjectToRotationMatrix(X_WE[:3].T)
         X_TE = X_WT.inverse() @ RigidTransform(R_WE, X_WE[3])
         wxyz = X_TE.rotation().ToQuaternion().wxyz()

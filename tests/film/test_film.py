@@ -355,10 +355,11 @@ class TestFilms:
         path = np.stack([0 * times - 0.1, times - 0.3, 0 * times + 0.002], axis=1)
         logs = {"measured_position": path, "normal_force": 10 * times[:, np.newaxis]}
         run = SimpleNamespace(
-            scenario=SimpleNamespace(camera=CAMERA, press=SimpleNamespace(force=10.0)),
+            scenario=SimpleNamespace(camera=CAMERA),
             log=logs.__getitem__,
             log_times=lambda _: times,
             grid=GRID,
+            desired_force=lambda: 10.0 + 5 * times,
             cleaned_by=lambda moments: np.asarray(moments),
         )
         frames = []
@@ -371,7 +372,7 @@ class TestFilms:
         if has_board:
             assert text.splitlines() == [
                 "1 s",
-                "force 6.0 N (desired 5 to 15 N)",
+                "force 6.0 N (desired 8 to 18 N)",
                 "cleaned 60 %",
             ]
         else:

@@ -23,6 +23,8 @@ from fmp_drake.primitives import (
     find_rhythm,
     modulate_skill,
     read_demonstrations,
+    scale_tempo,
+    skill_spectrum,
     transform_space,
 )
 from fmp_drake.skills import learn_skill
@@ -82,6 +84,8 @@ WRONG = {
         lambda: transform_space("a"),
         r"transform_space\(skill\) needs",
     ),
+    "tempo of a path": (lambda: scale_tempo("a", 2.0), r"scale_tempo\(skill\) needs"),
+    "spectrum of a path": (lambda: skill_spectrum("a"), r"skill_spectrum\(skill\) n"),
     "modulated path": (
         lambda: modulate_skill("a", harmonics=[1], gain=1),
         r"modulate_skill\(skill\)",

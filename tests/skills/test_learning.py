@@ -12,7 +12,11 @@ from fmp_drake.primitives import (
     save_skill,
 )
 from fmp_drake.skills import learn_skill, scenario_skill
-from fmp_drake.skills.description import skill_in_words, source_in_words
+from fmp_drake.skills.description import (
+    describe_recording,
+    skill_in_words,
+    source_in_words,
+)
 from fmp_drake.skills.learning import shared_skill
 from fmp_drake.skills.placement import place_on_board
 from fmp_drake.station.scenario import Scenario
@@ -107,6 +111,15 @@ def test_a_bout_shorter_than_a_window_is_reported_by_its_cycles():
     assert "; windows of 2 s at 20 Hz" in repr(skill)
     mixture = FourierMovementPrimitive(model="mixture", window=1.0, rate=20.0)
     assert source_in_words(mixture.fit(short)) == "19 windows of 1 s"
+
+
+def test_windows_that_are_announced_are_those_that_are_learned():
+    t = np.arange(0, 5, 0.05)
+    once = 0.05 * np.column_stack([np.sin(t**1.7), np.cos(1.3 * t**1.2), 0 * t])
+    recording = Demonstration(time=t, values=once)
+    announced = describe_recording(recording)[-1]
+    assert FourierMovementPrimitive().fit(recording).n_windows_ == 51
+    assert "possible, from 51 windows of 2.5 s" in announced
 
 
 def test_tremor_of_the_force_is_not_learned_and_the_path_is_learned_as_it_was_shown():

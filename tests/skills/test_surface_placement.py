@@ -348,6 +348,14 @@ def test_flat_placement_recommends_a_fitted_surface_only_where_it_is_curved(
         assert f"from a {shape} of radius {RADII[shape]:.1f}" in remark
 
 
+def test_flat_placement_needs_no_other_arrays_of_a_file(tmp_path):
+    path, time = tmp_path / "recording.npz", np.arange(0, 20, 0.05)
+    circles = 0.1 * np.column_stack([np.cos(3 * time), np.sin(3 * time), 0 * time])
+    np.savez(path, time=time, position=circles, x=circles[:, 0])
+    placed, _ = load_on_board([path], scenario=Scenario(), transform=None, stretch=1.0)
+    assert placed[0].channels == ("x", "y", "z")
+
+
 def test_a_recording_exactly_on_a_plane_is_not_called_curved():
     time = np.arange(0, 20, 0.05)
     circles = 0.1 * np.column_stack([np.cos(3 * time), np.sin(3 * time), 0 * time])

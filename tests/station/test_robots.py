@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 import yaml
 from numpy.testing import assert_allclose
-from pydrake.geometry import Role, SceneGraph
+from pydrake.geometry import Convex, Role, SceneGraph, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    CoulombFriction,
+    MultibodyPlantConfig,
+)
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
@@ -16,7 +21,11 @@ from scipy.spatial.transform import Rotation
 from fmp_drake.errors import StationError
 from fmp_drake.station import LoadRobot, Scenario, models_dir
 from fmp_drake.station.board_scene import AddBoardScene
-from fmp_drake.station.robots.robot import FilterSelfContact, MakeRobotModel
+from fmp_drake.station.robots.robot import (
+    CollectCollisionSpheres,
+    FilterSelfContact,
+    MakeRobotModel,
+)
 
 ARMS = ("panda", "iiwa14", "ur5e")
 HALF = np.pi / 2
@@ -243,6 +252,34 @@ def test_the_groups_without_contact_filter_every_pair_of_neighbours(name):
         for a in geometries.get(parent, []):
             for b in geometries[child]:
                 assert inspector.CollisionFiltered(a, b), (parent, child)
+
+
+def collision_spheres(shape=None):
+    """Return the spheres of a body with a shape 0.2 m beside it."""
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(), builder)
+    model = plant.AddModelInstance("arm")
+    body = plant.AddRigidBody("link", model)
+    if shape is not None:
+        X_BodyG = RigidTransform([0.2, 0.0, 0.0])
+        friction = CoulombFriction(0.5, 0.5)
+        plant.RegisterCollisionGeometry(body, X_BodyG, shape, "bulge", friction)
+    plant.Finalize()
+    return CollectCollisionSpheres(plant, scene_graph, model)
+
+
+def test_a_sphere_is_one_of_the_collision_spheres():
+    found = collision_spheres(Sphere(0.03))
+    assert_allclose(found.points, [[0.2, 0.0, 0.0]])
+    assert_allclose(found.radii, [0.03])
+
+
+def test_collision_geometry_that_cannot_be_checked_is_refused():
+    corners = np.random.default_rng(0).normal(size=(3, 9))
+    with pytest.raises(StationError, match="bulge is a Convex; use boxes"):
+        collision_spheres(Convex(corners, "bulge"))
+    with pytest.raises(StationError, match="the robot arm has no collision geometry"):
+        collision_spheres()
 
 
 def _own(folder, changes, **fields):

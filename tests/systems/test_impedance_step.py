@@ -258,6 +258,18 @@ def test_a_fault_stops_the_arm_at_the_very_next_update(port, value, flag):
     assert not np.array_equal(context.get_discrete_state(0).value(), before)
 
 
+@pytest.mark.parametrize("frame", [[np.nan] * 7, [0.0] * 4 + [0.1] * 3])
+def test_without_a_finite_task_frame_both_measured_positions_are_in_the_assumed_one(
+    frame,
+):
+    controller = make_controller(full_config())
+    context = context_of(controller, {"task_frame": np.array(frame)})
+    position = controller.GetOutputPort("measured_position").Eval(context)
+    pose = controller.GetOutputPort("measured_pose").Eval(context)
+    assert np.linalg.norm(position) > 0.1
+    assert_allclose(pose[4:], position, atol=1e-12)
+
+
 def test_lost_contact_and_a_joint_limit_are_reported_at_the_next_update():
     controller = make_controller(full_config(), engage_height=10.0)
     ports = optional_ports()

@@ -37,6 +37,7 @@ from fmp_drake.primitives import read_demonstrations
 from fmp_drake.processes import Workers
 from fmp_drake.skills.placement import place_on_board
 from fmp_drake.station import LoadScenario, MakeStation, Scenario
+from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.station.skill_motion import DESIRED
 from fmp_drake.station.tasks.wiping import Wiping
 from fmp_drake.systems.ink.grid import CLEAN_BELOW, times_to_clean
@@ -219,7 +220,7 @@ def clean_board(
         "cleaned": cleaned[-1],
         "tracking_rms_m": float(np.sqrt(np.mean(np.square(errors)))),
         "force_mean_n": float(steady_forces.mean()),
-        "force_near": float(np.mean(force_errors <= 5.0)),
+        "force_near": float(np.mean(force_errors <= FORCE_TOLERANCE)),
     }
 
 

@@ -27,7 +27,7 @@ from fmp_drake.skills.learning import shared_skill
 from fmp_drake.station import CheckFeasibility, ParseScenario, models_dir
 
 # Subpackages and libraries on which the result of a run depends.
-_ROOMS = ("primitives", "systems", "station", "runs")
+_ROOMS = ("primitives", "systems", "station", "skills", "runs")
 _LIBRARIES = ("drake", "numpy", "numba", "scipy", "scikit-learn")
 _FPS, _WIDTH = 20.0, 640
 
@@ -207,12 +207,13 @@ def make_run(text: str, **options: Any) -> StationRun:
 def code_version() -> str:
     """Return a hash of everything on which a run depends, except its scenario.
 
-    It covers the code of the rooms up to `runs`, the bundled models and demonstrations, and
+    It covers the code of the rooms up to `runs`, the bundled robots and demonstrations, and
     the versions of the numerical libraries.
     """
     package = Path(fmp_drake.__file__).parent
-    files = [*package.glob("*.py"), *models_dir().glob("*/*.urdf")]
-    files += models_dir().glob("demonstrations/*.npz")
+    files = [*package.glob("*.py"), *models_dir().glob("demonstrations/*.npz")]
+    for model in models_dir().glob("*/*.[us]*df"):
+        files += [model, *model.parent.glob("*.yaml")]
     for room in _ROOMS:
         files += (package / room).rglob("*.py")
     digest = hashlib.sha256()

@@ -281,6 +281,7 @@ class TrialSpec:
             self._robot,
             self._count,
             *self._fields.values(),
+            *self._offsets.values(),
             *self._disturbance.values(),
         ]
         extremes = [v.extremes() for v in values if isinstance(v, Distribution)]

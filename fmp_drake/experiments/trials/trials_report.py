@@ -1,7 +1,6 @@
 """Report of the trials of a store: success rates, faults and infeasible scenarios."""
 
 import math
-import statistics
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -316,7 +315,7 @@ def _percent(part: int, whole: int) -> str:
 
 def _median(values: Sequence[float], form: str) -> str:
     """Return the median as text; it is NaN if a value is."""
-    return form.format(statistics.median(values)) if values else "-"
+    return form.format(np.median(values)) if values else "-"
 
 
 def interval(passed: int, total: int) -> tuple[float, float]:

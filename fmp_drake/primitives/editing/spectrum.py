@@ -208,6 +208,7 @@ def skill_spectrum(skill: FourierMovementPrimitive) -> Spectrum:
     They have no closed form for a Gaussian over weights, so they are those of 1000
     samples without white noise.
     """
+    check_skill(skill, "skill_spectrum(skill)")
     return window_spectrum(
         skill.sample(_SAMPLES, with_noise=False),
         rate=skill.rate,

@@ -48,6 +48,7 @@ def scale_tempo(
     SkillError
         Where the factor is not positive.
     """
+    check_skill(skill, "scale_tempo(skill)")
     check_number(factor, "factor", above=0.0)
     parameters = {
         "rate": float(skill.rate * factor),

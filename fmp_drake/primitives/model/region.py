@@ -69,7 +69,8 @@ class DemonstratedRegion:
         if not (skill.paths_ and self._channels):
             raise SkillError(
                 f"margin is {margin} m, but the skill has no demonstrated paths in m (its "
-                f"units are {', '.join(skill.units_)}); learn it again, or play it without."
+                f"units are {', '.join(skill.units_)}); learn it again, or play it "
+                "without a margin."
             )
         self.margin = float(margin)
         paths = [path[:, self._channels] for path in skill.paths_]

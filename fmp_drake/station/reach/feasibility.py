@@ -66,9 +66,9 @@ class Feasibility:
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
         no clearance, friction and normal force; the angle needs rotation channels.
     start : array, shape (3,)
-        p_BE, m.
+        p_BE, or (u, v, h) over a curved board, m.
     paths : array, shape (B, T, 3)
-        The samples of the skill, p_BE, m.
+        The samples of the skill, likewise, m.
     followed : array, shape (B, T)
         Whether each can be followed.
     posture : array, shape (n,)
@@ -438,7 +438,8 @@ class _Check:
 
     def _judge_force(self, motion: PredictedMotion) -> Values:
         bounds, force = self._bounds, float(np.max(self._force))
-        effort = self._reach.limits.upper_effort
+        joints = self._reach.limits
+        effort = np.minimum(joints.upper_effort, -joints.lower_effort)
         friction_lag, tolerance = self._friction_lag, self._scenario.tolerance
         torque, per_newton = motion.torque / effort, motion.force_torque / effort
         forces = np.asarray(self._force)[..., None]

@@ -113,7 +113,7 @@ def _SolveFrom(
         frame, np.zeros(3), world, p - _POSITION_TOLERANCE, p + _POSITION_TOLERANCE
     )
     ik.AddOrientationConstraint(
-        world, X_WE.rotation(), frame, type(X_WE.rotation())(), _ROTATION_TOLERANCE
+        world, X_WE.rotation(), frame, RotationMatrix(), _ROTATION_TOLERANCE
     )
     lower = plant.GetPositionLowerLimits() + least_margin
     upper = plant.GetPositionUpperLimits() - least_margin
@@ -203,5 +203,6 @@ def ArmForceLimit(
     directions = np.array([-z + friction * t for t in (x, -x, y, -y)])
     per_newton = directions @ J
     holding_torque = -arm.CalcGravityGeneralizedForces(context) * np.sign(per_newton)
-    remaining = TORQUE_FRACTION * arm.GetEffortUpperLimits() - holding_torque
+    effort = np.minimum(arm.GetEffortUpperLimits(), -arm.GetEffortLowerLimits())
+    remaining = TORQUE_FRACTION * effort - holding_torque
     return float(max(0.0, np.min(remaining / np.maximum(np.abs(per_newton), 1e-9))))

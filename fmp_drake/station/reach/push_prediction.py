@@ -37,6 +37,7 @@ def predict_lift(
     Parameters
     ----------
     pushes : sequence of Disturbance
+        Each counts once, without its repetitions.
     config : ImpedanceConfig
     force : float
         Desired normal force, N.

@@ -12,7 +12,7 @@ from fmp_drake.systems.impedance.algebra import rotation_vector
 from fmp_drake.systems.interface.arm_model import ArmModel
 
 # Damping of the inverse at singularities, as a multiple of the springs' compliance,
-# (rad/s)². Elsewhere the corrections leave an error of less than 0.5 mm, see `RESIDUAL`.
+# (rad/s)². Elsewhere the corrections leave an error of less than 0.5 mm.
 _DAMPING = 6.0
 _CORRECTIONS, _LONGEST_STEP = 5, 0.15  # rad
 # Samples from the arm's posture to the start of a path, and at rest there.

@@ -9,7 +9,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import Box, Capsule, CollisionFilterDeclaration, Role, SceneGraph
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    CollisionFilterDeclaration,
+    Cylinder,
+    Role,
+    SceneGraph,
+    Sphere,
+)
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JointActuator, ModelInstanceIndex
@@ -427,19 +435,36 @@ class CollisionSpheres(NamedTuple):
 def CollectCollisionSpheres(
     plant: MultibodyPlant, scene_graph: SceneGraph, model: ModelInstanceIndex
 ) -> CollisionSpheres:
-    """Collect the spheres of a model: corners, rims, and five along each capsule."""
+    """Collect the spheres of a model: corners, rims, and five along each capsule.
+
+    Raises
+    ------
+    StationError
+        Where a shape is not a box, capsule, cylinder or sphere, or there is none.
+    """
     inspector = scene_graph.model_inspector()
     bodies, points, radii = [], [], []
     for g in inspector.GetAllGeometryIds(Role.kProximity):
         body: Any = plant.GetBodyFromFrameId(inspector.GetFrameId(g))
         if body.model_instance() != model or inspector.GetName(g) == _FELT:
             continue
-        centres, radius = _spheres(inspector.GetShape(g))
+        shape = inspector.GetShape(g)
+        if not isinstance(shape, Box | Capsule | Cylinder | Sphere):
+            raise StationError(
+                f"the collision geometry {inspector.GetName(g)} is a "
+                f"{type(shape).__name__}; use boxes, capsules, cylinders or spheres."
+            )
+        centres, radius = _spheres(shape)
         X_BodyG = inspector.GetPoseInFrame(g)
         R_BodyG = X_BodyG.rotation().matrix()
         points.append(centres @ R_BodyG.T + X_BodyG.translation())
         bodies += [int(body.index())] * len(centres)
         radii += [radius] * len(centres)
+    if not bodies:
+        raise StationError(
+            f"the robot {plant.GetModelInstanceName(model)} has no collision geometry; "
+            "give its links boxes, capsules, cylinders or spheres."
+        )
     return CollisionSpheres(np.array(bodies), np.vstack(points), np.array(radii))
 
 
@@ -451,6 +476,8 @@ def _spheres(shape: Any) -> tuple[Array, float]:
     if isinstance(shape, Capsule):
         heights = np.linspace(-0.5, 0.5, 5)[:, None] * shape.length()
         return heights * np.array([0.0, 0.0, 1.0]), shape.radius()
+    if isinstance(shape, Sphere):
+        return np.zeros((1, 3)), shape.radius()
     r, length = shape.radius(), shape.length()
     rims = product(_RIM_ANGLES, ends)
     return np.array([[r * np.cos(a), r * np.sin(a), e * length] for a, e in rims]), 0.0

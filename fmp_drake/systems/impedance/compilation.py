@@ -69,7 +69,8 @@ def compile_step() -> None:
     _leave_inside({impedance_step, *(function for function, _ in parts)})
     matrix = np.zeros((6, 6))
     _compile(mobility, (matrix, matrix))
-    if os.fork() == 0:
+    child = os.fork()
+    if child == 0:
         try:
             for function, arguments in parts:
                 _compile(function, arguments)
@@ -78,6 +79,7 @@ def compile_step() -> None:
     types, _ = normalize_signature(STEP_TYPES)  # type: ignore[no-untyped-call]
     step: Any = impedance_step
     step.compile(types)
+    os.waitpid(child, 0)
 
 
 def _leave_inside(stored: set[Any]) -> None:

@@ -98,8 +98,9 @@ def wall_torque(
     """Compute the torque that keeps the joints within their limits; zero far from them.
 
     Each joint gets ``−k depth`` in the last `width` of its range, and is braked by
-    ``−(m / t) (v − v_allowed)``, where ``v_allowed² = 2 a margin``. Inside the
-    spring both directions are damped, so it generates no energy.
+    ``−(m / t) (v − v_allowed)``, where ``v_allowed² = 2 a (margin − width)`` up to a
+    fraction of the speed limit. Inside the spring both directions are damped, so it
+    generates no energy.
 
     Parameters
     ----------
