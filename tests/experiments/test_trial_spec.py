@@ -101,7 +101,10 @@ def test_distribution_has_its_mean_and_deviation(kind, values, mean, deviation):
         ("fields: {press.force: {choice: [" + "9," * 201 + "]}}", "at most 200"),
         ("base: {choice: [" + "tilted," * 15_000 + "]}", "at most 200"),
         ('fields: {"board.rpy[²]": 1}', r"there is no board.rpy\[²\]"),
-        ("offsets: {press.force: {uniform: [0, 1000000.0]}}", r"press.force is 1.00001e\+06"),
+        (
+            "offsets: {press.force: {uniform: [0, 1000000.0]}}",
+            r"press.force is 1.00001e\+06",
+        ),
         ("offsets: {skill.demonstration: 1}", "offset 1 of skill.demonstration, which"),
         (
             "stuff: 1",
