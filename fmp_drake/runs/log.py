@@ -16,11 +16,10 @@ contain the name of the array of its times (N,); signals with the same samples s
 """
 
 import math
-import os
 import platform
 import tempfile
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -35,7 +34,7 @@ from fmp_drake import __version__
 from fmp_drake.errors import RunError
 from fmp_drake.numeric import Array
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
-from fmp_drake.primitives.data.files import Blocks, FileFormat
+from fmp_drake.primitives.data.files import FileFormat
 
 FORMAT = FileFormat(
     name="fmp-drake-run",
@@ -44,11 +43,6 @@ FORMAT = FileFormat(
     source="written by `fmp-drake wipe --log`",
     error=RunError,
 )
-
-# Size of a block of a `TemporaryArray`.
-_BLOCK_BYTES = 1 << 20
-
-type Rows = Array | Blocks
 
 type Chunk = Mapping[str, Samples]
 
@@ -321,7 +315,7 @@ class RunLog:
 
 def write_log(
     path: Path,
-    signals: Mapping[str, tuple[Rows, Rows]],
+    signals: Mapping[str, tuple[Array, Array]],
     *,
     scenario: str,
     seed: int,
@@ -334,8 +328,8 @@ def write_log(
     ----------
     path : pathlib.Path
     signals : mapping from str to (times, values)
-        Shapes (N,) or (N, 1), s, and (N, columns), by names of `SIGNALS`; in memory or
-        in a `TemporaryArray`. Signals with the same times object share an array in the file.
+        Shapes (N,) or (N, 1), s, and (N, columns), by names of `SIGNALS`. Signals with
+        the same times object share an array in the file.
     scenario : str
         YAML.
     seed : int
@@ -434,13 +428,3 @@ class TemporaryArray:
             return np.zeros(self.shape, dtype=self._dtype)
         self._file.flush()
         return np.asarray(np.memmap(self._file, self._dtype, "r", shape=self.shape))
-
-    def blocks(self) -> Iterator[NDArray[Any]]:
-        """Yield all rows so far in blocks of about a megabyte."""
-        self._file.flush()
-        size = math.prod(self._row) * self._dtype.itemsize
-        step = max(1, _BLOCK_BYTES // size) * size
-        for start in range(0, self._rows * size, step):
-            count = min(step, self._rows * size - start)
-            data = os.pread(self._file.fileno(), count, start)
-            yield np.frombuffer(data, self._dtype).reshape(-1, *self._row)

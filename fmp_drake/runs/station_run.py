@@ -21,7 +21,6 @@ from fmp_drake.runs.events import RunEvent
 from fmp_drake.runs.log import (
     SIGNALS,
     Chunk,
-    Rows,
     TemporaryArray,
     pop_samples,
     signal_kind,
@@ -274,8 +273,9 @@ class StationRun:
         """
         self._collect()
         skill = self.skill
-        signals: dict[str, tuple[Rows, Rows]] = {
-            name: (self._times[kind.period], self._values[name])
+        times = {period: kept.array() for period, kept in self._times.items()}
+        signals = {
+            name: (times[kind.period], self._values[name].array())
             for name, kind in SIGNALS.items()
             if name in self.kept
         }

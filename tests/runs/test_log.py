@@ -73,7 +73,8 @@ def test_a_log_from_temporary_files_is_the_same(signals, path, tmp_path):
         spills[id(array)] = TemporaryArray(array.shape[1:])
         for part in np.array_split(array, 3):
             spills[id(array)].append(part)
-    spilled = {n: (spills[id(t)], spills[id(v)]) for n, (t, v) in signals.items()}
+    arrays = {key: spill.array() for key, spill in spills.items()}
+    spilled = {n: (arrays[id(t)], arrays[id(v)]) for n, (t, v) in signals.items()}
     write(tmp_path / "spilled.npz", spilled)
     with np.load(path) as one, np.load(tmp_path / "spilled.npz") as other:
         assert one.files == other.files
@@ -228,17 +229,13 @@ def test_a_log_that_cannot_be_written_is_an_error(signals, tmp_path):
 
 
 @pytest.mark.parametrize("row", [(), (3,), (2, 2)])
-def test_rows_come_back_whole_and_in_blocks(row):
-    # About four megabytes, in blocks of one.
+def test_rows_come_back_whole(row):
     rows = np.random.default_rng(0).normal(size=(500_000 // int(np.prod(row)), *row))
     spill = TemporaryArray(row)
     for part in np.array_split(rows, 7):
         spill.append(part)
     assert spill.shape == rows.shape
     np.testing.assert_array_equal(spill.array(), rows)
-    blocks = list(spill.blocks())
-    assert len(blocks) >= 3
-    np.testing.assert_array_equal(np.concatenate(blocks), rows)
 
 
 def test_values_read_before_an_append_are_unchanged():

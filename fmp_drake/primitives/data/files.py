@@ -10,25 +10,13 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from fmp_drake.errors import FmpError, SkillFileError
-from fmp_drake.numeric import Array
-
-
-class Blocks(Protocol):
-    """A float64 array that is read in blocks, as it may not fit in memory."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the whole array."""
-
-    def blocks(self) -> Iterator[Array]:
-        """Yield consecutive rows of the array."""
 
 
 @contextmanager
@@ -133,7 +121,7 @@ def _check_sizes(archive: zipfile.ZipFile, most: int) -> None:
 
 def write_npz(
     path: Path,
-    arrays: Mapping[str, NDArray[Any] | Blocks],
+    arrays: Mapping[str, NDArray[Any]],
     error: type[FmpError] = SkillFileError,
     *,
     compressed: bool = True,
@@ -143,8 +131,8 @@ def write_npz(
     Parameters
     ----------
     path : pathlib.Path
-    arrays : mapping from str to ndarray or Blocks
-        Arrays in blocks are never in memory as a whole.
+    arrays : mapping from str to ndarray
+        A memory map is written in blocks, and is never in memory as a whole.
     error : type of FmpError
         Raised where the file cannot be written.
     compressed : bool
@@ -156,13 +144,7 @@ def write_npz(
     ):
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
-                if isinstance(array, np.ndarray):
-                    npy.write_array(stream, array, allow_pickle=False)
-                    continue
-                header = {"descr": "<f8", "fortran_order": False, "shape": array.shape}
-                npy.write_array_header_1_0(stream, header)
-                for block in array.blocks():
-                    stream.write(np.ascontiguousarray(block, dtype="<f8").tobytes())
+                npy.write_array(stream, array, allow_pickle=False)
 
 
 def numbered(path: Path, count: int) -> list[Path]:
@@ -280,7 +262,7 @@ class FileFormat:
         self,
         path: Path,
         metadata: Mapping[str, Any],
-        arrays: Mapping[str, NDArray[Any] | Blocks],
+        arrays: Mapping[str, NDArray[Any]],
     ) -> None:
         """Write metadata and arrays to a file, whole or not at all."""
         header = {"format": self.name, "version": self.version, **metadata}
