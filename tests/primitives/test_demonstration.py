@@ -27,7 +27,6 @@ def test_one_channel_may_be_a_vector():
     demonstration = Demonstration(time=[0, 1, 2, 3], values=[4, 5, 6, 7])
     assert demonstration.values.shape == (4, 1)
     assert demonstration.channels == ("x",)
-    assert demonstration.n_channels == 1
     assert demonstration.duration == 3
 
 

@@ -15,10 +15,11 @@ from fmp_drake.station.external_forces import (
 )
 from fmp_drake.station.scenario import LoadScenario, Scenario
 from fmp_drake.station.station import MakeStation
-from fmp_drake.systems.teaching.hand_motion import TASKS, HandMotion
+from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 pytestmark = pytest.mark.slow
 
+TASKS = ("wiping", "polishing", "eight")
 SETTLE = 1.0
 SECONDS = 4.0
 SYSTEMS = {

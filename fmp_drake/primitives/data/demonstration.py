@@ -158,11 +158,6 @@ class Demonstration:
         """Time from the first to the last sample, s."""
         return float(self.time[-1] - self.time[0])
 
-    @property
-    def n_channels(self) -> int:
-        """The number of channels D."""
-        return self.values.shape[1]
-
     def is_uniform(self, rate: float) -> bool:
         """Return whether the samples are spaced 1/rate apart, to a thousandth."""
         return bool(np.all(np.abs(np.diff(self.time) * rate - 1) < _UNIFORM))

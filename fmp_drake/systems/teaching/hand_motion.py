@@ -10,10 +10,6 @@ from fmp_drake.numeric import Array, check_number, read_only
 from fmp_drake.systems.surface.surface import Surface
 
 Task = Literal["wiping", "polishing", "eight", "stirring", "pulsing"]
-TASKS: tuple[Task, ...] = ("wiping", "polishing", "eight")
-"""Motions in the plane of the board."""
-POSED_TASKS: tuple[Task, ...] = ("stirring", "pulsing")
-"""Motions with a height and an orientation, or with a normal force."""
 
 _RATE = 200.0
 _SETTLE = 60.0
