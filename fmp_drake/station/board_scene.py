@@ -23,7 +23,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.numeric import finite_array
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.models.whiteboard import AddWhiteboard, FilterHull
-from fmp_drake.station.reach.posture import SolvePosture
+from fmp_drake.station.reach.posture import SolveStartPosture
 from fmp_drake.station.robots.joint_inertia import CheckJointInertia
 from fmp_drake.station.robots.robot import (
     AddRobot,
@@ -155,16 +155,10 @@ def AddBoardScene(
     if whiteboard is not None and min(board.curvature()) < 0:
         FilterHull(plant, scene_graph, whiteboard)
 
-    displacement = RigidTransform(-board.motion.amplitude * board.rail_axis())
+    displacement = board.start_displacement()
     X_WA = board.assumed_pose() @ displacement
     if q is None:
-        q = SolvePosture(
-            model.plant,
-            frame=model.tip,
-            X_WE=X_WA @ scenario.eraser_pose(start),
-            q_preferred=scenario.preferred_posture(),
-            spring_width=scenario.impedance.walls.width,
-        )
+        q = SolveStartPosture(scenario, model, start)
     posture = finite_array(q, "q", (len(config.posture),), error=StationError)
     plant.SetDefaultPositions(robot.arm, posture)
     if simulated and scenario.friction.enabled:

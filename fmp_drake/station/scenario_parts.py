@@ -191,6 +191,10 @@ class BoardConfig:
         axis = np.array(self.motion.axis)
         return axis / np.linalg.norm(axis)
 
+    def start_displacement(self) -> RigidTransform:
+        """Return the pose of the board at time 0 from the middle of the rail."""
+        return RigidTransform(-self.motion.amplitude * self.rail_axis())
+
     def curvature(self) -> Surface:
         """Return the curvatures of the surface along x and y of B, 1/m."""
         kx, ky = _SHAPES[self.shape]

@@ -11,7 +11,7 @@ from fmp_drake.numeric import Array, Mask
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.models.whiteboard import BoardBox
 from fmp_drake.station.reach.deviation_prediction import Deviation, predict_deviation
-from fmp_drake.station.reach.posture import SolvePosture
+from fmp_drake.station.reach.posture import SolveStartPosture
 from fmp_drake.station.reach.tracking_prediction import (
     NO_CONTACT,
     RESIDUAL,
@@ -209,15 +209,7 @@ class BoardReach:
         StationError
             If the arm cannot reach the start.
         """
-        displacement = RigidTransform(-self.rail)
-        X_BE = self._scenario.eraser_pose(self._scenario.start)
-        return SolvePosture(
-            self._model.plant,
-            frame=self._model.tip,
-            X_WE=self._scenario.board.assumed_pose() @ displacement @ X_BE,
-            q_preferred=self._scenario.preferred_posture(),
-            spring_width=self._scenario.impedance.walls.width,
-        )
+        return SolveStartPosture(self._scenario, self._model, self._scenario.start)
 
     def near_postures(self, X_WB: list[RigidTransform]) -> Array:
         """Return postures near the preferred one for the start on each board, (boards, n)."""

@@ -13,6 +13,7 @@ from pydrake.solvers import Solve
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array, finite_array
 from fmp_drake.station.robots.robot import Robot
+from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.impedance.joints import JointWallConfig
 
 _POSITION_TOLERANCE = 1e-6
@@ -94,6 +95,36 @@ def SolvePosture(
             "middle of the board, or another pose of the board or of the robot's base."
         )
     return q
+
+
+def SolveStartPosture(scenario: Scenario, model: Robot, start: ArrayLike) -> Array:
+    """Find the posture of a station at the start.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    model : Robot
+        Of `MakeRobotModel`.
+    start : array_like, shape (3,)
+        Position of the tool on the board at time 0, as in `Scenario.start`.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    StationError
+        Where the arm cannot reach the start.
+    """
+    X_WB = scenario.board.assumed_pose() @ scenario.board.start_displacement()
+    return SolvePosture(
+        model.plant,
+        frame=model.tip,
+        X_WE=X_WB @ scenario.eraser_pose(start),
+        q_preferred=scenario.preferred_posture(),
+        spring_width=scenario.impedance.walls.width,
+    )
 
 
 def _SolveFrom(
