@@ -28,10 +28,7 @@ from pydrake.systems.framework import DiagramBuilder
 from fmp_drake.errors import StationError
 from fmp_drake.station.models import model_files
 from fmp_drake.station.models.eraser import AddEraser
-from fmp_drake.station.models.model_files import (
-    AddFmpDrakePackage,
-    models_dir,
-)
+from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.models.whiteboard import AddWhiteboard
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.station.scenario_parts import BoardConfig, EraserConfig
@@ -42,7 +39,7 @@ REFLECTED_INERTIA = np.array([0.605721456] * 2 + [0.462474144] * 2 + [0.20554406
 
 def _AddModel(plant: MultibodyPlant, path: str) -> None:
     parser = Parser(plant)
-    AddFmpDrakePackage(parser)
+    parser.package_map().AddPackageXml(str(models_dir() / "package.xml"))
     parser.AddModels(url=f"package://fmp_drake/{path}")
 
 
@@ -98,13 +95,6 @@ def test_missing_models_are_an_error_that_names_both_places(tmp_path, monkeypatc
         models_dir()
     assert str(tmp_path / "models") in str(caught.value)
     assert str(tmp_path / "fmp_drake" / "models") in str(caught.value)
-
-
-def test_registering_the_package_twice_is_harmless():
-    parser = Parser(MultibodyPlant(1e-3))
-    AddFmpDrakePackage(parser)
-    AddFmpDrakePackage(parser)
-    assert Path(parser.package_map().GetPath("fmp_drake")) == models_dir()
 
 
 def test_no_model_file_names_an_absolute_path_or_a_mesh_of_others():

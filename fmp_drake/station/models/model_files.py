@@ -18,7 +18,6 @@ from pydrake.geometry import (
     Shape,
 )
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
@@ -56,21 +55,6 @@ def models_dir() -> Path:
         f"no models: package.xml is neither in {folders}. "
         "Install fmp_drake again, or run it from a complete checkout."
     )
-
-
-def AddFmpDrakePackage(parser: Parser) -> None:
-    """Add the package of ``package://fmp_drake/...`` to a parser.
-
-    A parser with this package is not changed.
-
-    Parameters
-    ----------
-    parser : Parser
-        Parser of the models.
-    """
-    packages = parser.package_map()
-    if not packages.Contains("fmp_drake"):
-        packages.AddPackageXml(str(models_dir() / "package.xml"))
 
 
 def linear_colour(colour: Sequence[float]) -> Colour:

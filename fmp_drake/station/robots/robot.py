@@ -26,7 +26,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.eraser import AddEraser
-from fmp_drake.station.models.model_files import AddFmpDrakePackage, models_dir
+from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.scenario_parts import (
     EraserConfig,
     PoseConfig,
@@ -252,7 +252,7 @@ def AddRobot(
     'eraser'
     """
     parser = Parser(plant)
-    AddFmpDrakePackage(parser)
+    parser.package_map().AddPackageXml(str(models_dir() / "package.xml"))
     hint = (
         " Meshes are found relative to the model, or in its package, a folder with a "
         "package.xml around it."
