@@ -190,6 +190,8 @@ class PagePanel:
     meshcat : Meshcat
     url : str
         Where to open the page.
+    shown : dict
+        The fields that are shown.
 
     Examples
     --------
@@ -203,7 +205,7 @@ class PagePanel:
 
     def __init__(self, meshcat: Meshcat, *, host: str = "localhost") -> None:
         self.meshcat = meshcat
-        self._shown: PanelFields = {}
+        self.shown: PanelFields = {}
         script = Path(__file__).with_name("page_server.py")
         with uninterrupted_start():
             process = subprocess.Popen(
@@ -229,21 +231,16 @@ class PagePanel:
 
     def show(self, **fields: Unpack[PanelFields]) -> None:
         """Show these fields from now on; the others stay as they are."""
-        self._shown = {**self._shown, **fields}
+        self.shown = {**self.shown, **fields}
         # Where the server is too slow to read it, the next message has all fields.
         with contextlib.suppress(BlockingIOError, BrokenPipeError, ValueError):
-            os.write(self._pipe.fileno(), json.dumps(self._shown).encode() + b"\n")
+            os.write(self._pipe.fileno(), json.dumps(self.shown).encode() + b"\n")
 
     def say(self, text: str, *, level: Level = "idle") -> None:
         """Show a message, and keep it in the log of the page."""
-        messages = self._shown.get("messages", [])
+        messages = self.shown.get("messages", [])
         message: Message = {"level": level, "text": text}
         self.show(messages=[*messages, message][-_MOST_MESSAGES:])
-
-    @property
-    def shown(self) -> PanelFields:
-        """The fields that are shown."""
-        return self._shown
 
     def close(self) -> None:
         """End the page; open browsers keep their content."""
