@@ -41,6 +41,8 @@ def as_floats(
     error : type
         Raised where the shape differs, or a value is not a real number.
     """
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise error(f"{what}: some values are masked; leave them out.")
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "biufO":
@@ -170,7 +172,9 @@ def runs(mask: Mask) -> list[tuple[int, int]]:
 def is_number(value: Any) -> bool:
     """Return whether a value is one real, finite number."""
     # The comparison is false for NaN, and exact for integers of any size.
-    is_real = isinstance(value, int | float | np.integer | np.floating)
+    if isinstance(value, np.floating):
+        value = float(value)  # A small type cannot hold the limits.
+    is_real = isinstance(value, int | float | np.integer)
     return is_real and bool(-GREATEST < value < GREATEST)
 
 

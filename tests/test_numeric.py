@@ -65,6 +65,11 @@ def test_numbers_that_are_not_finite_are_refused(value):
     assert not is_number(value)
 
 
+def test_numbers_of_small_types_are_numbers():
+    assert is_number(np.float32(20))
+    assert not is_number(np.float16(np.inf))
+
+
 def test_empty_array_is_finite():
     assert all_finite(np.empty((0, 3)))
 

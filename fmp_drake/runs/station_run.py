@@ -263,7 +263,7 @@ class StationRun:
         value: Any = self.station.GetOutputPort(name).Eval(context)
         return np.array(value)
 
-    def save_log(self, path: Path, metrics: Mapping[str, Any]) -> None:
+    def save_log(self, path: str | Path, metrics: Mapping[str, Any]) -> None:
         """Write the kept signals to a file for `RunLog.load`.
 
         Raises
@@ -283,7 +283,7 @@ class StationRun:
         for name, cells in self._final_signals().items():
             signals[name] = (now, cells.reshape(1, -1))
         write_log(
-            path,
+            Path(path),
             signals,
             scenario=yaml_dump_typed(self.scenario),  # type: ignore[no-untyped-call]
             seed=self.seed,

@@ -171,7 +171,7 @@ def learn_skill(
     )
     try:
         return skill.fit(
-            [part for d in demonstrations for part in _without_tremor(d, rate)],
+            [_without_tremor(d, rate) for d in demonstrations],
             start_time=start_time,
             end_time=end_time,
             period=period,
@@ -189,14 +189,14 @@ def learn_skill(
         ) from error
 
 
-def _without_tremor(recording: Demonstration, rate: float) -> list[Demonstration]:
+def _without_tremor(recording: Demonstration, rate: float) -> Demonstration:
     """Return the parts between gaps, at a rate in Hz, with the force low-pass filtered.
 
     An arm that repeats the tremor of a person's force shakes until its torques reach
     their rate limit; then it follows neither force nor path.
     """
     if FORCE_CHANNEL not in recording.channels:
-        return [recording]
+        return recording
     from scipy.signal import butter, sosfiltfilt  # Slow to import.
 
     force = recording.channels.index(FORCE_CHANNEL)
@@ -207,8 +207,9 @@ def _without_tremor(recording: Demonstration, rate: float) -> list[Demonstration
         values = even.values.copy()
         padding = min(len(values) - 1, round(rate))
         values[:, force] = sosfiltfilt(low_pass, values[:, force], padlen=padding)
-        parts.append(replace(even, values=values))
-    return parts
+        parts.append((even.time, values))
+    time, values = map(np.concatenate, zip(*parts, strict=True))
+    return replace(recording, time=time, values=values)
 
 
 def _scales_by_position(demonstrations: Sequence[Demonstration]) -> Array:

@@ -21,7 +21,6 @@ from fmp_drake.primitives.data.orientation import (
     rotations_of,
     unit_quaternion,
 )
-from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.skills.surface_fit import FittedSurface, fit_surface
 from fmp_drake.station import Scenario
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
@@ -251,10 +250,9 @@ def _contact(demonstration: Demonstration) -> _Contact:
     """Find where the tool touches, by the force and by the bouts of the movement."""
     path = demonstration.select(POSITION_CHANNELS)
     in_bout = np.zeros(len(path.time), dtype=bool)
-    parts = path.split_at_gaps(DEFAULT_RATE) or [path]
+    time = path.time - path.time[0]
     try:
-        for bout in find_rhythm(parts).bouts:
-            time = path.time - parts[bout.recording].time[0]
+        for bout in find_rhythm(path).bouts:
             in_bout |= (time >= bout.start) & (time <= bout.end)
     except DemonstrationError:  # Too short for a rhythm.
         in_bout[:] = True

@@ -1,7 +1,7 @@
 """Scene of every station: arm, eraser and whiteboard."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -119,7 +119,8 @@ def AddBoardScene(
     StationError
         If the scenario has invalid values, or the arm cannot reach the start.
     """
-    scenario.check()
+    start = finite_array(start, "start", (3,), error=StationError)
+    replace(scenario, start=start.tolist()).check()
     if not simulated and scenario.board.motion.amplitude > 0:
         raise StationError(
             f"board.motion.amplitude is {scenario.board.motion.amplitude} m; the motion "

@@ -12,7 +12,7 @@ from pydrake.systems.analysis import SimulatorConfig
 
 from fmp_drake.errors import StationError
 from fmp_drake.settings import bounded, check_settings
-from fmp_drake.station.models.eraser import FeltForceLimit
+from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.robots.robot import DEFAULT_ROBOT, LoadRobot
 from fmp_drake.station.scenario_parts import (
@@ -135,6 +135,11 @@ class Scenario:
                 f"press.force is {self.press.force:g} N; the felt is squeezed to its "
                 f"core by {limit:.1f} N. Lower it, or use an eraser with a larger "
                 "footprint or modulus."
+            )
+        if self.has_board and self.start[2] < -FELT_DEPTH:
+            return (
+                f"start is {-1e3 * self.start[2]:.0f} mm below the surface of the board; "
+                f"its height must be at least {-FELT_DEPTH:g} m."
             )
         if self.tool != "eraser" and self.has_board:
             return (

@@ -712,3 +712,21 @@ def test_invalid_observations_are_refused(small_skill):
         small_skill.infer(np.zeros((5, 2)), [0, 1])
     with pytest.raises(SkillError, match=r"3 samples were observed; .* the last 4"):
         small_skill.predict(np.zeros((3, 2)), 6)
+
+
+def test_recordings_as_long_as_a_window_are_recordings():
+    t = np.arange(600) / 20
+    circles = np.column_stack([np.cos(3 * t), np.sin(3 * t)])
+    recordings = [circles[i : i + 120] for i in (0, 150, 300)]
+    assert len(FourierMovementPrimitive(rate=20).fit(recordings).paths_) == 3
+
+
+def test_a_window_shorter_than_a_cycle_is_remarked():
+    t = np.arange(600) / 20
+    circles = np.column_stack([np.cos(3 * t), np.sin(3 * t)])
+    reasons = [
+        FourierMovementPrimitive(rate=20, window=w).fit(circles).model_reason_
+        for w in (1.0, 2.5)
+    ]
+    assert "the window of 1 s is shorter than a cycle" in reasons[0]
+    assert "shorter" not in reasons[1]

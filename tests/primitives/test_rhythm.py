@@ -571,6 +571,34 @@ def test_a_rhythm_is_found_beside_a_gap():
     assert rhythm.cycles == pytest.approx(27 * 3 / (2 * np.pi), rel=0.05)
 
 
+def test_parts_beside_a_gap_are_located_in_their_recording():
+    time = np.concatenate([np.arange(10, 30, 0.05), np.arange(35, 70, 0.05)])
+    phase = 3 * np.where(time < 50, time, np.maximum(time - 5, 50))
+    recording = Demonstration(
+        time=time, values=0.1 * np.column_stack([np.cos(phase), np.sin(phase)])
+    )
+    for given, start, number in (
+        (recording, None, 0),
+        (recording, 5.0, 0),
+        ([recording.rows(np.arange(300)), recording], None, 1),
+    ):
+        found = find_rhythm(given, start_time=start)
+        learned = FourierMovementPrimitive().fit(given, start_time=start).rhythm_
+        for rhythm in (found, learned):
+            (pause,) = rhythm.left_out
+            assert (pause.recording, pause.kind) == (number, "pause")
+            assert pause.start == pytest.approx(40.0, abs=0.3)
+            assert pause.end == pytest.approx(45.0, abs=0.3)
+            assert rhythm.bouts[-1].recording == number
+            assert rhythm.bouts[-1].end == pytest.approx(59.95, abs=0.1)
+
+
+def test_a_recording_without_weight_counts_in_the_numbers_of_recordings():
+    recordings = [demonstration(drop(np.arange(0, 60, 0.15))) for _ in range(2)]
+    skill = FourierMovementPrimitive().fit(recordings, weights=[0, 1])
+    assert [bout.recording for bout in skill.rhythm_.bouts] == [1]
+
+
 def test_ends_of_cycles_follow_a_varying_tempo():
     phase = np.cumsum(2 * np.pi / 50 * np.linspace(0.75, 1.3, 1200))
     found = find_rhythm(demonstration(drop(phase)))
@@ -578,7 +606,7 @@ def test_ends_of_cycles_follow_a_varying_tempo():
     turns = phase[0] + 2 * np.pi * np.arange(1, int(found.cycles) + 1)
     expected = np.interp(turns, phase, np.arange(1200)) / RATE
     assert bout.cycle_ends == pytest.approx(expected, abs=0.15)
-    later = found.shifted(3.0).bouts[0].cycle_ends
+    later = found.located([], 3.0).bouts[0].cycle_ends
     assert later == pytest.approx(np.array(bout.cycle_ends) + 3.0)
 
 

@@ -165,7 +165,7 @@ class Demonstration:
     def resample(self, rate: float) -> "Demonstration":
         """Return the demonstration at another, uniform sample rate.
 
-        It is interpolated by a cubic spline. A recording at more than twice the new rate
+        It begins at the same time and is interpolated by a cubic spline. A recording at more than twice the new rate
         is low-pass filtered first (zero phase, at 0.4 of the new rate).
 
         Parameters
@@ -208,9 +208,7 @@ class Demonstration:
             pad = min(len(values) - 1, 3 * int(np.ceil(recorded_rate / rate)))
             values = sosfiltfilt(sos, values, axis=0, padlen=pad)
         new = self.time[0] + np.arange(count) / rate
-        return replace(
-            self, time=new - self.time[0], values=CubicSpline(time, values)(new)
-        )
+        return replace(self, time=new, values=CubicSpline(time, values)(new))
 
     def split_at_gaps(self, rate: float) -> list["Demonstration"]:
         """Return the parts between gaps that are too long to interpolate.

@@ -47,6 +47,8 @@ class Windows:
         given as an array.
     sources : ndarray, shape (P,), or None
         Index of the demonstration of each of the parts in `resampled`.
+    starts : ndarray, shape (P,), or None
+        Start of each of these parts, s from the first sample of its demonstration.
     excluded : frozenset of int
         Indices of the parts of demonstrations that have no weight.
     """
@@ -57,6 +59,7 @@ class Windows:
     part: Indices | None = None
     resampled: list[Array] | None = None
     sources: Indices | None = None
+    starts: Array | None = None
     excluded: frozenset[int] = frozenset()
 
     def recordings(self) -> list[Array]:
@@ -67,6 +70,16 @@ class Windows:
         if self.resampled is None or self.part is None:
             return joined_recordings(self.values)
         return [y for i, y in enumerate(self.resampled) if i not in self.excluded]
+
+    def origins(self) -> list[tuple[int, float]]:
+        """Return the index of the demonstration of each recording, and its start there, s.
+
+        Empty where the windows were given as an array.
+        """
+        if self.sources is None or self.starts is None:
+            return []
+        origins = zip(self.sources.tolist(), self.starts.tolist(), strict=True)
+        return [o for i, o in enumerate(origins) if i not in self.excluded]
 
     def paths(self, stride: int) -> tuple[Array, ...]:
         """Return the demonstrated paths, each (samples, D), without repetitions.
@@ -143,7 +156,7 @@ def demonstration_list(recordings: Any, call: str) -> list[Demonstration]:
     return list(recordings)
 
 
-def _recordings(X: Any, *, n_steps: int, rate: float) -> Sequence[Demonstration] | None:
+def _recordings(X: Any, *, rate: float) -> Sequence[Demonstration] | None:
     """Return X as demonstrations, or None where it holds windows."""
     is_sequence = isinstance(X, Sequence) and not isinstance(X, str)
     is_mixed = is_sequence and (not X or any(isinstance(x, Demonstration) for x in X))
@@ -152,8 +165,7 @@ def _recordings(X: Any, *, n_steps: int, rate: float) -> Sequence[Demonstration]
         return demonstration_list(X, "fit")
     if is_sequence:
         arrays = [x for x in X if isinstance(x, np.ndarray) and x.ndim in (1, 2)]
-        are_windows = all(x.ndim == 2 and len(x) == n_steps for x in arrays)
-        if len(arrays) == len(X) and not are_windows:
+        if len(arrays) == len(X):
             return [_sampled(x, rate) for x in arrays]
     array = as_floats(X, _WHAT, error=DemonstrationError)
     return [_sampled(array, rate)] if array.ndim in (1, 2) else None
@@ -187,7 +199,7 @@ def cut_demonstrations(
     """
     if start_time is None and end_time is None:
         return X
-    recordings = _recordings(X, n_steps=0, rate=rate)
+    recordings = _recordings(X, rate=rate)
     if recordings is None:
         raise DemonstrationError(
             "windows have no start_time and end_time; give demonstrations instead."
@@ -220,7 +232,7 @@ def as_windows(
     DemonstrationError
         Where they have different channels, or give fewer than `at_least` windows.
     """
-    recordings = _recordings(X, n_steps=n_steps, rate=rate)
+    recordings = _recordings(X, rate=rate)
     if recordings is not None:
         X = recordings
         if not X:
@@ -229,6 +241,7 @@ def as_windows(
         split = [d.split_at_gaps(rate) or [d] for d in X]
         sources = np.repeat(np.arange(len(X)), [len(parts) for parts in split])
         recordings = [part for parts in split for part in parts]
+        first = np.array([X[i].time[0] for i in sources])
         resampled = [part.resample(rate).values for part in recordings]
         cut = [sliding_windows(y, n_steps=n_steps, stride=stride) for y in resampled]
         counts = [len(windows) for windows in cut]
@@ -251,6 +264,7 @@ def as_windows(
             part=np.repeat(np.arange(len(cut)), counts),
             resampled=resampled,
             sources=sources,
+            starts=np.array([part.time[0] for part in recordings]) - first,
         )
     shape = ("windows", n_steps, "channels")
     values = finite_array(X, _WHAT, shape, error=DemonstrationError)

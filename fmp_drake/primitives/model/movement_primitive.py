@@ -292,25 +292,19 @@ class FourierMovementPrimitive(TrajectoryMixture):
         with one_blas_thread():
             tracked = self._tracked_rhythm(recordings, counts, period, progress)
             if tracked is not None and self._fits(tracked, are_windows=example is None):
-                self._learn_phase(
-                    tracked, start_time or 0.0, are_windows=example is None
-                )
+                start = 0.0 if start_time is None else start_time
+                self.rhythm_: Rhythm | None
+                self.rhythm_ = tracked.rhythm.located(recorded.origins(), start)
+                self._learn_phase(tracked, are_windows=example is None)
             else:
                 self._learn_mixture(X, weights, progress)
         # A copy of another tempo has another rate and the same samples.
         self.n_steps_, self.overlap_ = self.n_steps, self.overlap
         return self
 
-    def _learn_phase(
-        self,
-        tracked: TrackedRhythm,
-        start: float,
-        *,
-        are_windows: bool,
-    ) -> None:
+    def _learn_phase(self, tracked: TrackedRhythm, *, are_windows: bool) -> None:
         """Learn the phase model of a rhythm."""
         self.model_: Literal["phase", "mixture"] = "phase"
-        self.rhythm_: Rhythm | None = tracked.rhythm.shifted(start)
         if not are_windows:
             self.n_steps_ = self._steps_for(tracked)
         given_steps = self._given_steps
@@ -318,6 +312,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
             self.model_reason_ += (
                 f"; the window is {self.window:g} s instead of {given_steps / self.rate:g} s, "
                 "because no bout lasts that long"
+            )
+        elif self.n_steps < tracked.rhythm.period * self.rate:
+            self.model_reason_ += (
+                f"; the window of {self.window:g} s is shorter than a cycle, which it "
+                "represents badly"
             )
         count = self.n_components
         self.phase_model_, self.components_, self.calibration_ = fit_phase_model(

@@ -203,6 +203,7 @@ class Player:
         seed : int, optional
             Instead of the player's.
         """
+        check_number(tempo, "tempo", least=0)
         y = finite_array(position, "the start", (self.skill.n_channels_,))
         state = PlaybackState(
             weights=self.skill.components_[0].mean,
@@ -221,6 +222,8 @@ class Player:
 
     def advance(self, state: PlaybackState, seconds: float) -> PlaybackState:
         """Return the state some seconds of real time later, with all ticks and re-mappings."""
+        if not -_ROUNDING <= seconds < np.inf:
+            check_number(seconds, "seconds", least=0, unit="s")
         while True:
             wait = state.seconds_until(self.tick_seconds)
             if seconds < wait - _ROUNDING * self.tick_seconds:

@@ -193,7 +193,9 @@ class LqrTracker:
 class ExponentialTracker:
     """Exact solution of dw/dt = beta diag(Sigma^-1) (mu - w).
 
-    (17) is its Euler step. It is stable for every gain and exact at every time.
+    (17) is its Euler step. The weights converge for every gain and are exact at every time.
+    Time constants below a few sample intervals give velocities, and with them excursions,
+    that no robot can follow: choose a small gain, or `LqrTracker`, which bounds them.
 
     Attributes
     ----------
@@ -279,8 +281,7 @@ class ProportionalTracker(ExponentialTracker):
         if self.beta > largest:
             raise SkillError(
                 f"beta is {self.beta}; the proportional tracker (17) is stable for "
-                f"this skill up to {largest:.6g}. The exponential tracker is stable "
-                "for every beta."
+                f"this skill up to {largest:.6g}. Choose a smaller beta, or LqrTracker()."
             )
         return Relaxation(modes=None, rates=self.beta * precision, euler_tick=tick)
 

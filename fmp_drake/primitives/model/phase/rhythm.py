@@ -104,12 +104,25 @@ class Rhythm:
         omitted = sum(part.duration for part in self.left_out)
         return omitted / (omitted + sum(part.duration for part in self.bouts))
 
-    def shifted(self, seconds: float) -> "Rhythm":
-        """Return the rhythm with all instants later by some seconds."""
+    def located(self, origins: Sequence[tuple[int, float]], start: float) -> "Rhythm":
+        """Return the rhythm of the demonstrations that the recordings are parts of.
+
+        Parameters
+        ----------
+        origins : sequence of (int, float)
+            Index of each recording's demonstration, and its start there, s; empty where
+            the recordings are whole.
+        start : float
+            Time of the demonstrations before these starts, s.
+        """
 
         def shift(part: Part) -> Part:
+            number, seconds = part.recording, start
+            if origins:
+                number, seconds = origins[number][0], start + origins[number][1]
             return replace(
                 part,
+                recording=number,
                 start=part.start + seconds,
                 end=part.end + seconds,
                 cycle_ends=tuple(end + seconds for end in part.cycle_ends),

@@ -182,7 +182,7 @@ def find_rhythm(
         period=period,
         units=dict(zip(cut[0].channels, units, strict=True)),
     )
-    return tracked.rhythm.shifted(start_time or 0.0)
+    return tracked.rhythm.located(windows.origins(), start_time or 0.0)
 
 
 def search_rhythm(
