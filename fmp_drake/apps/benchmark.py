@@ -58,7 +58,7 @@ def benchmark(folder: Path, to: BenchmarkOptions) -> None:
     else:
         duration, seeds = (5.0, 2) if to.quick else (60.0, 5)
         run = partial(run_cleaning, to.clean, duration=duration, seeds=seeds)
-    progress = partial(console.print, markup=False)
+    progress = console.print
     scores = run(to.out, LocalWorkers(to.jobs), methods=to.methods, progress=progress)
     write_benchmark(to.out, scores, folder=folder)
     console.print(f"wrote {to.out / 'report.html'}")

@@ -58,11 +58,11 @@ def inspect(
         demonstrations, _ = read_demonstrations([file], recording.reading())
         for demonstration in demonstrations:
             note = demonstration.note or "as it is"
-            console.print(f"{file}: {note}", markup=False, soft_wrap=True)
+            console.print(f"{file}: {note}", soft_wrap=True)
             lines = describe_recording(demonstration, **vars(rhythm))
             conclusions.append(lines[-1])
             for line in lines:
-                console.print(f"  {line}", markup=False, soft_wrap=True)
+                console.print(f"  {line}", soft_wrap=True)
         recordings += demonstrations
     found = None
     is_needed = len(recordings) > 1 or picture.plot is not None
@@ -73,7 +73,7 @@ def inspect(
         except DemonstrationError as error:
             text = f"no cycles found: {error}"
         if len(recordings) > 1:
-            console.print(f"together: {text}", markup=False, soft_wrap=True)
+            console.print(f"together: {text}", soft_wrap=True)
     if picture.plot is not None:
         plot_demonstrations(recordings, picture.plot, rhythm=found)
         console.print(f"wrote {picture.plot}")

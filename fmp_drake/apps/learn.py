@@ -101,7 +101,7 @@ def learn(
             extra=learning.extra,
         )
     for remark in remarks:
-        console.print(remark, markup=False, soft_wrap=True)
+        console.print(remark, soft_wrap=True)
     start = time.perf_counter()
     with console.status("learning") as status:
         learned = learn_skill(

@@ -11,10 +11,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydrake.common import use_native_cpp_logging
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
+from rich.text import Text
 
 from fmp_drake.apps.options import SceneOptions, arguments
 from fmp_drake.apps.terminal import has_terminal, is_enter_pressed
@@ -31,9 +33,11 @@ _POLL_PERIOD = 0.05
 
 
 def make_console() -> Console:
-    """Return a console that does not wrap lines in a file or a pipe."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=160)
+    """Return a console that prints text as it is, and does not wrap it in a file or a pipe."""
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = 1000
+    return console
 
 
 @cache
@@ -191,7 +195,7 @@ def print_table(console: Console, rows: Mapping[str, str]) -> None:
     """Print a table of names and texts."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, text in rows.items():
-        table.add_row(f"[bold]{name}[/bold]", text)
+        table.add_row(Text(name, style="bold"), text)
     console.print(table)
 
 
@@ -221,14 +225,17 @@ def make_folder(path: Path) -> None:
 def print_next(console: Console, *arguments: str) -> None:
     """Print the next command."""
     line = shlex.join(["fmp-drake", *arguments])
-    console.print(f"next: {line}", markup=False, soft_wrap=True)
+    console.print(f"next: {line}", soft_wrap=True)
 
 
 def advice(feasibility: Feasibility, scene: SceneOptions, *groups: Any) -> str:
     """Return the command line that may make a skill feasible, with groups of options."""
-    if feasibility.suggested_tempo is None:
+    changed = feasibility.suggestion
+    if not changed:
         return "--start, the scenario's board or another skill may help."
-    tempo = f"{feasibility.suggested_tempo:.2f}"
-    flags = arguments(replace(scene, tempo=None), *groups)
-    line = shlex.join(["fmp-drake", "wipe", *flags, "--tempo", tempo])
-    return f"Try: {line}."
+    others: dict[str, Any] = dict.fromkeys(changed)
+    flags = arguments(replace(scene, **others), *groups)
+    for name, value in changed.items():
+        numbers = [f"{number:g}" for number in np.ravel(value)]
+        flags += [f"--{name.replace('_', '-')}", *numbers]
+    return f"Try: {shlex.join(['fmp-drake', 'wipe', *flags])}."

@@ -68,5 +68,5 @@ def _print_verdicts(console: Console, sections: list[Section]) -> None:
                 verdict = "holds" if finding.agrees else "does not hold"
                 console.print(f"{verdict:13}  {finding.title}")
             if finding.agrees is False:
-                console.print(f"    claim: {finding.claim}", markup=False)
-                console.print(f"    found: {finding.shows}", markup=False)
+                console.print(f"    claim: {finding.claim}")
+                console.print(f"    found: {finding.shows}")

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 from rich.table import Table
+from rich.text import Text
 
 from fmp_drake.apps.page import make_console, print_next
 from fmp_drake.errors import StationError
@@ -32,7 +33,7 @@ def robots(files: tuple[str, ...]) -> None:
         context = robot.plant.CreateDefaultContext()
         mass = robot.plant.CalcTotalMass(context, [robot.arm])
         table.add_row(
-            f"[bold]{Path(name).stem}[/bold]",
+            Text(Path(name).stem, style="bold"),
             str(len(config.posture)),
             f"{mass:.1f} kg",
             f"{FindLevelReach(robot):.2f} m",
@@ -44,5 +45,5 @@ def robots(files: tuple[str, ...]) -> None:
         "a table"
     )
     for message in too_light:
-        console.print(message, markup=False, soft_wrap=True)
+        console.print(message, soft_wrap=True)
     print_next(console, "wipe", "--robot", files[0] if files else "NAME")

@@ -55,6 +55,11 @@ class RunFiles:
         )
         check_writable(self.log, "a log", [".npz"], RunError)
         check_graph(self.graphviz)
+        files = [self.html, self.video, self.plot, self.log, self.report, self.graphviz]
+        paths = [path.resolve() for path in files if path is not None]
+        for path in paths:
+            if paths.count(path) > 1:
+                raise RunError(f"{path} is named twice; give each output its own file.")
         if of_arm and any((self.html, self.video, self.plot, self.log, self.graphviz)):
             raise RunError(
                 "with --arm only --report can be written; leave out --html, --video, "

@@ -15,6 +15,7 @@ from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.runs.events import Occurrences, RunEvent, RunEvents
 from fmp_drake.runs.log import MILLISECOND, Chunk, Samples
 from fmp_drake.station import Scenario
+from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
@@ -403,6 +404,9 @@ class RunMetrics:
         excess = scenario.impedance.watchdog.max_excess_force
         has_force = roles.force is not None
         self._events = RunEvents(np.inf if has_force else 2 * press.force + excess)
+        # The eraser is lower than the board by the compression of its felt, m.
+        ratio = press.force / FeltForceLimit(scenario.eraser)
+        self._felt_depth = 0.0 if has_force else ratio * FELT_DEPTH
 
     def update(self, chunk: Chunk, *, played: Chunk | None = None) -> None:
         """Add the next samples of `metric_signals`.
@@ -427,7 +431,10 @@ class RunMetrics:
         """Return the metrics so far."""
         parts = (*self._played, self._limits)
         result = {name: x for part in parts for name, x in part.result().items()}
-        result["board_height_error_m"] = self._events.board_height_error
+        height = self._events.board_height_error
+        if height is not None:
+            height += self._felt_depth
+        result["board_height_error_m"] = height
         for name in () if self._has_board else _BOARD_METRICS:
             del result[name]
         return result

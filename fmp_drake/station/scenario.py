@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlantConfig
-from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 from fmp_drake.errors import StationError
 from fmp_drake.settings import bounded, check_settings
@@ -131,10 +131,13 @@ class Scenario:
         sagitta = self.board.curvature().sagitta((x, y))
         limit = FeltForceLimit(self.eraser, sagitta=sagitta)
         if self.press.force > 1.000001 * limit:
+            other = (
+                "smaller footprint" if sagitta > FELT_DEPTH / 2 else "larger footprint"
+            )
             return (
                 f"press.force is {self.press.force:g} N; the felt is squeezed to its "
-                f"core by {limit:.1f} N. Lower it, or use an eraser with a larger "
-                "footprint or modulus."
+                f"core by {limit:.1f} N. Lower it, or use an eraser with a {other} or "
+                "a larger modulus."
             )
         if self.has_board and self.start[2] < -FELT_DEPTH:
             return (
@@ -154,6 +157,11 @@ class Scenario:
                 f"ink.cell is {self.ink.cell:g} m, and the board has {cells:.2g} cells; at "
                 f"most {_MOST_CELLS:.2g} are drawn and wiped."
             )
+        if self.simulator.integration_scheme not in GetIntegrationSchemes():
+            return (
+                f"simulator.integration_scheme is {self.simulator.integration_scheme}; "
+                f"choose one of: {', '.join(GetIntegrationSchemes())}."
+            )
         step = self.plant.time_step
         if step != 0 and not _SHORTEST_STEP <= step < math.inf:
             return (
@@ -163,6 +171,10 @@ class Scenario:
         n = len(LoadRobot(self.robot).posture)
         if len(self.posture) not in (0, n):
             return f"posture is {self.posture}; expected {n} numbers."
+        for friction in (self.friction, self.impedance.friction_compensation):
+            for name in ("height", "slope", "shift"):
+                if len(values := getattr(friction, name)) not in (0, n):
+                    return f"friction.{name} is {values}; expected {n} numbers."
         return ""
 
     def preferred_posture(self) -> list[float]:

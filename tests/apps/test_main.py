@@ -304,3 +304,20 @@ def test_installed_script_refuses_like_the_function(script):
 def test_bundled_demonstrations_are_found():
     for task in ("wiping", "polishing", "eight"):
         assert (models_dir() / "demonstrations" / f"{task}.npz").is_file()
+
+
+def test_names_with_brackets_are_printed_as_they_are(command, tmp_path):
+    table = tmp_path / "circle[red].csv"
+    t = np.arange(0, 20, 0.05)
+    np.savetxt(
+        table,
+        np.column_stack([t, np.cos(3 * t), np.sin(3 * t), 0 * t]),
+        delimiter=",",
+        header="time [s],x [m],y [m],z [m]",
+        comments="",
+    )
+    out = tmp_path / "skill[" / "x[:b].npz"
+    out.parent.mkdir()
+    text = command("learn", table, "--out", out)
+    assert f"wrote {out}" in text
+    assert "circle[red].csv" in text

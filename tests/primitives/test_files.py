@@ -121,3 +121,19 @@ def test_names_that_cannot_be_written_are_refused_before(tmp_path):
         check_writable(tmp_path / "no" / "run.npz", "a log", [".npz"])
     with pytest.raises(FmpError, match="is a folder"):
         check_writable(tmp_path)
+
+
+def test_a_link_is_followed_and_a_pipe_is_not_replaced(tmp_path):
+    link, target, pipe = (tmp_path / name for name in ("link", "target", "pipe"))
+    target.write_text("old")
+    link.symlink_to(target.name)
+    write_text(link, "new")
+    assert link.is_symlink()
+    assert target.read_text() == "new"
+    os.mkfifo(pipe)
+    with pytest.raises(FmpError, match="pipe: it is not a regular file"):
+        write_text(pipe, "new")
+    with pytest.raises(FmpError, match="pipe is a device or a pipe; give the name"):
+        check_writable(pipe)
+    assert pipe.is_fifo()
+    assert sorted(tmp_path.iterdir()) == [link, pipe, target]

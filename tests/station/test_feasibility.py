@@ -295,6 +295,25 @@ def test_tracking_error_is_the_root_sum_of_squares(bundled_skill):
     assert values["deviation"] > 1e-4
 
 
+def test_path_beyond_the_edges_of_the_board_is_refused(bundled_skill):
+    scenario = Scenario()
+    wide = CheckFeasibility(scenario, bundled_skill)
+    pressed = wide.paths[wide.paths[..., 2] < scenario.press.engage_height]
+    reach = np.max(np.abs(pressed[:, :2]), axis=0)
+    for size, share in ((2 * reach + 0.002, 0.0), (2 * reach - [0.0, 0.06], None)):
+        scenario.board.size = size.tolist()
+        beyond = np.mean(
+            (wide.paths[..., 2] < scenario.press.engage_height)
+            & np.any(np.abs(wide.paths[..., :2]) > size / 2, axis=-1)
+        )
+        found = CheckFeasibility(scenario, bundled_skill)
+        assert found.is_feasible == (share == 0.0)
+        if share is None:
+            text = f"{100 * beyond:.1f} % of the path is beyond the edges of the board"
+            assert beyond > 0.01
+            assert text in found.verdict
+
+
 def pressed_fraction(found):
     """Return the fraction of the samples that are near enough to the board to press."""
     return np.mean(found.paths[..., 2] < Scenario().press.engage_height)

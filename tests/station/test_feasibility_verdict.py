@@ -544,7 +544,8 @@ def test_both_a_slower_tempo_and_a_smaller_press_are_named(predicted, restless_s
     assert re.search(
         r"help: slow down to tempo 0\.65 and press with at most 30 N\.", found.verdict
     )
-    assert found.suggested_tempo == pytest.approx(0.65)
+    assert found.suggestion == {"tempo": pytest.approx(0.65), "press_force": 30.0}
+    assert found.suggested_tempo is None  # It alone would not do.
 
 
 def test_torques_of_the_press_count_with_their_signs_in_each_sample(

@@ -313,6 +313,17 @@ velocity="1"/></joint></robot>"""
 @pytest.mark.parametrize(
     ("changes", "fields", "message"),
     [
+        (
+            {' velocity="[^"]*"': ""},
+            {},
+            "velocity limit of ur5e_joint1.* is missing or 0",
+        ),
+        ({"<inertial>.*?</inertial>": ""}, {}, "the links of own.urdf have no mass"),
+        (
+            {'(<joint name="ur5e_joint6"[^>]*>)': r'\1<mimic joint="ur5e_joint5"/>'},
+            {},
+            "a joint of own.urdf mimics another one",
+        ),
         ({"</robot>": ""}, {}, r"own\.urdf cannot be read: .*XML"),
         ({}, {"flange": "tool0"}, r"flange names tool0, .* choose of: ur5e_flange, "),
         ({}, {"base": "base_link"}, "base names base_link, which own.urdf does not"),

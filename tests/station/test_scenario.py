@@ -186,6 +186,12 @@ def test_missing_file_is_named(tmp_path):
             "plant: {time_step: 1.0e-9}",
             ["plant.time_step is 1e-09 s", "at least 1e-05"],
         ),
+        (
+            "simulator: {integration_scheme: foo}",
+            ["simulator.integration_scheme is foo", "runge_kutta3"],
+        ),
+        ("friction: {height: [1, 2]}", ["friction.height is [1.0, 2.0]", "7 numbers"]),
+        ("start: [0, 0, -0.1]", ["start is 100 mm below the surface of the board"]),
         ("plant: {time_step: -0.001}", ["plant.time_step is -0.001 s", "expected 0"]),
         ("plant: {time_step: .nan}", ["plant.time_step is nan s", "expected 0"]),
         ("impedance: {control_period: 1.0e-9}", ["control_period", "at least 0.0001"]),

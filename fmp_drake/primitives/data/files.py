@@ -26,14 +26,17 @@ def replaced(path: Path, error: type[FmpError] = FmpError) -> Iterator[Path]:
     The file therefore appears whole or not at all. The temporary file is in the same
     folder and has the same ending. A process that is killed does not change an older
     file; the temporary file that it leaves is deleted when the same file is written
-    again.
+    again. A link is followed.
 
     Parameters
     ----------
     path : pathlib.Path
     error : type of FmpError
-        Raised where the file cannot be written.
+        Raised where the file cannot be written, or is a device or a pipe.
     """
+    path = path.resolve()
+    if path.exists() and not path.is_file():
+        raise error(f"cannot write {path}: it is not a regular file.")
     _delete_abandoned(path)
     part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
@@ -217,6 +220,10 @@ def check_writable(
         )
     if path.is_dir():
         raise FmpError(f"{path} is a folder; give the name of a file to write.")
+    if path.exists() and not path.is_file():
+        raise FmpError(
+            f"{path} is a device or a pipe; give the name of a file to write."
+        )
     if endings and path.suffix.lower() not in endings:
         *others, last = endings
         expected = f"{', '.join(others)} or {last}" if others else last

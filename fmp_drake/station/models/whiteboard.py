@@ -1,6 +1,7 @@
 """Whiteboard of any size, flat or curved: one mesh for every curved surface."""
 
 import math
+from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
@@ -234,6 +235,12 @@ def cell_of(surface: Surface) -> tuple[float, float]:
     return u, v
 
 
+def closed_axes(size: Sequence[float], surface: Surface) -> list[bool]:
+    """Return whether the edges of a board across x and y meet, as those of a pipe."""
+    lengths = zip(size, surface.circumference, strict=True)
+    return [a > length - _SEAM for a, length in lengths]
+
+
 def curved_slab(
     surface: Surface, size: tuple[float, float], thickness: float
 ) -> tuple[Array, Array, Faces]:
@@ -294,10 +301,7 @@ def curved_slab(
     index = np.arange(uvh[..., 0].size).reshape(uvh.shape[:3])
     top, bottom = index
     quads = [_quads(top), _quads(bottom)[:, ::-1]]
-    is_closed = [
-        a > length - _SEAM
-        for a, length in zip(size, surface.circumference, strict=True)
-    ]
+    is_closed = closed_axes(size, surface)
     if not is_closed[0]:
         quads += [_quads(index[::-1, 0]), _quads(index[:, -1])]
     if not is_closed[1]:

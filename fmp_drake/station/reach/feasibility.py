@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
@@ -13,6 +14,7 @@ from fmp_drake.numeric import Array, Mask, one_blas_thread
 from fmp_drake.primitives import FourierMovementPrimitive, Player
 from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.primitives.data.orientation import rotations_of
+from fmp_drake.station.models.whiteboard import closed_axes
 from fmp_drake.station.reach.board_reach import (
     LONGEST_MOVE,
     BoardReach,
@@ -76,8 +78,9 @@ class Feasibility:
     scenario : str
         Checked scenario, YAML.
     bounds : FollowingBounds
-    suggested_tempo : float or None
-        Slower tempo at which the check passes, if only speed is missing.
+    suggestion : dict
+        Values of ``tempo``, ``press_force`` (N) and ``start`` (m) with which the check
+        passes; empty where none was found, or the board has to be moved.
 
     Examples
     --------
@@ -94,7 +97,12 @@ class Feasibility:
     posture: Array
     scenario: str
     bounds: FollowingBounds
-    suggested_tempo: float | None = None
+    suggestion: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def suggested_tempo(self) -> float | None:
+        """Slower tempo at which the check passes, if nothing else has to change."""
+        return self.suggestion["tempo"] if [*self.suggestion] == ["tempo"] else None
 
     @cached_property
     def cells(self) -> tuple[Array, Array, Array]:
@@ -152,9 +160,9 @@ def CheckFeasibility(
     feasibility = check.result()
     if feasibility.is_feasible:
         return feasibility
-    remedy, tempo = check.remedy()
+    remedy, suggestion = check.remedy()
     verdict = f"{feasibility.verdict} What would help: {remedy}."
-    return replace(feasibility, verdict=verdict, suggested_tempo=tempo)
+    return replace(feasibility, verdict=verdict, suggestion=suggestion)
 
 
 class _Check:
@@ -202,6 +210,7 @@ class _Check:
         self._slower: float | None = None
         self._softer: float | None = None
         self._firmer: float | None = None
+        self._changed_pace: dict[str, Any] = {}
 
     def _skill_paths(self, roles: ChannelRoles) -> Array:
         """Play windows from the start, and sample windows from the whole mixture.
@@ -297,26 +306,28 @@ class _Check:
             bounds=self._bounds,
         )
 
-    def remedy(self) -> tuple[str, float | None]:
-        """Return a text about the smallest change with which the check passes.
+    def remedy(self) -> tuple[str, dict[str, Any]]:
+        """Return the smallest change with which the check passes: text and values.
 
-        Each change is checked as a separate scenario. The second value is the tempo, if
-        a slower one is sufficient.
+        Each change is checked as a separate scenario. The values are empty where the board
+        has to be moved.
         """
         if words := self._pace_remedy():
-            return words, self._slower
+            return words, self._changed_pace
         may_move = self._is_far or self._is_disturbed
         for words, changed in self._changes() if may_move else ():
             check = _Check(changed, self._skill, self._bounds)
+            start = changed.start if changed.start != self._scenario.start else None
             if check.result().is_feasible:
-                return words, None
+                return words, {"start": start} if start else {}
             if pace := check._pace_remedy():
-                return f"{words}, and {pace}", None
+                values = {"start": start, **check._changed_pace}
+                return f"{words}, and {pace}", values if start else {}
         return (
             "none of the tested changes (a slower tempo, a smaller normal force, a start "
             f"in the middle, moves of the board by up to {100 * LONGEST_MOVE:.0f} cm); turn "
             "the board, or make the movement smaller"
-        ), None
+        ), {}
 
     def _changes(self) -> Iterator[tuple[str, Scenario]]:
         """Yield changes of the start and the board, the smallest one first."""
@@ -355,7 +366,10 @@ class _Check:
             if changed.inconsistency():  # The felt may not bear the normal force.
                 continue
             if _Check(changed, self._skill, self._bounds).result().is_feasible:
-                self._slower = self._slower and changed.skill.tempo
+                if self._slower is not None:
+                    self._changed_pace["tempo"] = changed.skill.tempo
+                if self._softer is not None or self._firmer is not None:
+                    self._changed_pace["press_force"] = changed.press.force
                 return " and ".join(words)
         return ""
 
@@ -405,6 +419,13 @@ class _Check:
                 f"comes nearer than {1e3 * bounds.clearance:.0f} mm"
             )
         self._is_far = bool(self._faults)
+        beyond = self._beyond_board()
+        if self._is_frequent(beyond):
+            x, y = self._scenario.board.size
+            self._faults.append(
+                f"{100 * np.mean(beyond):.1f} % of the path is beyond the edges of the "
+                f"board, which is {x:g} x {y:g} m"
+            )
         values: Values = {}
         if has_rotation:
             values["largest_angle"] = np.max(tilt)
@@ -419,6 +440,14 @@ class _Check:
             "wall_fraction": np.mean(at_spring),
             "smallest_manipulability": np.min(motion.manipulability),
         }, is_missed | is_near
+
+    def _beyond_board(self) -> Mask:
+        """Return whether the eraser is to press where the board has ended, (B, T)."""
+        board = self._scenario.board
+        is_beyond = np.abs(self._paths[..., :2]) > np.divide(board.size, 2)
+        is_beyond &= ~np.array(closed_axes(board.size, board.curvature()))
+        pressed = self._reach.pressed(self._paths, 1)
+        return pressed & np.any(is_beyond, axis=-1) & self._scenario.has_board
 
     def _judge_speed(self, motion: PredictedMotion) -> Values:
         """Return the values of the joints' speed."""

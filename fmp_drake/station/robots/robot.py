@@ -326,12 +326,20 @@ def _CheckModel(
             f"{', '.join(without)} of {model} cannot be moved: a joint needs a transmission "
             "(an actuator) and an effort limit above 0, Nm."
         )
-    immobile = [j.name() for j in joints if not j.velocity_upper_limits()[0] > 0]
-    if immobile:
+    unlimited = [
+        j.name() for j in joints if not 0 < j.velocity_upper_limits()[0] < np.inf
+    ]
+    if unlimited:
         raise StationError(
-            f"the velocity limit of {', '.join(immobile)} of {model} is 0; give the joint's "
-            "greatest speed, rad/s."
+            f"the velocity limit of {', '.join(unlimited)} of {model} is missing or 0; give "
+            "the joint's greatest speed, rad/s."
         )
+    if plant.num_constraints():
+        raise StationError(
+            f"a joint of {model} mimics another one; make it fixed, or a joint of its own."
+        )
+    if not sum(plant.get_body(i).default_mass() for i in plant.GetBodyIndices(arm)):
+        raise StationError(f"the links of {model} have no mass; give them inertias.")
     for joint, angle in zip(joints, config.posture, strict=True):
         low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
         if not low <= angle <= high:
