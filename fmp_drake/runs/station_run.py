@@ -15,7 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from fmp_drake.errors import RunError
-from fmp_drake.numeric import Array, Mask
+from fmp_drake.numeric import Array, Mask, check_number
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.runs.events import RunEvent
 from fmp_drake.runs.log import (
@@ -201,6 +201,7 @@ class StationRun:
 
     def advance_to(self, time: float) -> None:
         """Advance the simulation to a time, s, and collect the logged samples."""
+        check_number(time, "time", least=0, unit="s", error=RunError)
         while (now := self.simulator.get_context().get_time()) < time:
             chunk_end = (floor(now / _CHUNK) + 1) * _CHUNK
             self.simulator.AdvanceTo(min(chunk_end, time))

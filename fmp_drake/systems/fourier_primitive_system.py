@@ -71,6 +71,8 @@ class FourierPrimitiveSystem(LeafSystem):
     A simulation may begin at any time. A Context that has been played, saved or cloned
     continues in another Simulator; to begin anew, give it the default state first.
 
+    Where a diagram has several, give each its name by `DiagramBuilder.AddNamedSystem`.
+
     Input ports
     -----------
     measured_position : (D,)

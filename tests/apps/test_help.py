@@ -124,7 +124,7 @@ def test_a_skill_that_is_too_fast_is_refused_with_a_command_that_works(refused):
 
 def test_a_press_that_is_too_strong_is_refused_with_a_force_that_works(refused):
     message = refused("wipe", "--headless", "--press-force", 50)
-    assert "Try: fmp-drake wipe --headless --press-force 30." in message
+    assert "Try: fmp-drake wipe --press-force 30." in message
 
 
 def test_suggested_command_gives_the_options_that_were_given():

@@ -318,6 +318,6 @@ def test_names_with_brackets_are_printed_as_they_are(command, tmp_path):
     )
     out = tmp_path / "skill[" / "x[:b].npz"
     out.parent.mkdir()
-    text = command("learn", table, "--out", out)
+    text = command("learn", table, "--out", out).out
     assert f"wrote {out}" in text
     assert "circle[red].csv" in text

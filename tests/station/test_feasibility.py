@@ -297,21 +297,23 @@ def test_tracking_error_is_the_root_sum_of_squares(bundled_skill):
 
 def test_path_beyond_the_edges_of_the_board_is_refused(bundled_skill):
     scenario = Scenario()
-    wide = CheckFeasibility(scenario, bundled_skill)
-    pressed = wide.paths[wide.paths[..., 2] < scenario.press.engage_height]
-    reach = np.max(np.abs(pressed[:, :2]), axis=0)
-    for size, share in ((2 * reach + 0.002, 0.0), (2 * reach - [0.0, 0.06], None)):
-        scenario.board.size = size.tolist()
-        beyond = np.mean(
-            (wide.paths[..., 2] < scenario.press.engage_height)
-            & np.any(np.abs(wide.paths[..., :2]) > size / 2, axis=-1)
-        )
-        found = CheckFeasibility(scenario, bundled_skill)
-        assert found.is_feasible == (share == 0.0)
-        if share is None:
-            text = f"{100 * beyond:.1f} % of the path is beyond the edges of the board"
-            assert beyond > 0.01
-            assert text in found.verdict
+    paths = CheckFeasibility(scenario, bundled_skill).paths
+    pressed = paths[..., 2] < scenario.press.engage_height
+    size = 2 * np.max(np.abs(paths[pressed][:, :2]), axis=0) + 0.002
+    scenario.board.size = size.tolist()
+    assert CheckFeasibility(scenario, bundled_skill).is_feasible
+    scenario.board.size[1] = size[1] - 0.1
+    beyond = np.mean(pressed & (np.abs(paths[..., 1]) > scenario.board.size[1] / 2))
+    assert beyond > 0.01
+    found = CheckFeasibility(scenario, bundled_skill)
+    assert not found.is_feasible
+    text = (
+        f"{100 * beyond:.1f} % of the path is beyond the edges of the board, which is "
+    )
+    assert text in found.verdict
+    # In free space there is no edge.
+    scenario.board.shape = "none"
+    assert "edges" not in CheckFeasibility(scenario, bundled_skill).verdict
 
 
 def pressed_fraction(found):
