@@ -311,7 +311,7 @@ def test_names_with_brackets_are_printed_as_they_are(command, tmp_path):
     t = np.arange(0, 20, 0.05)
     np.savetxt(
         table,
-        np.column_stack([t, np.cos(3 * t), np.sin(3 * t), 0 * t]),
+        np.column_stack([t, 0.1 * np.cos(3 * t), 0.1 * np.sin(3 * t), 0 * t]),
         delimiter=",",
         header="time [s],x [m],y [m],z [m]",
         comments="",
