@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillError, StationError
 from fmp_drake.numeric import Array, Mask
-from fmp_drake.primitives import FourierMovementPrimitive, Tracker
+from fmp_drake.primitives import FourierMovementPrimitive, Player, Tracker
 from fmp_drake.primitives.data.channels import ChannelRoles, channel_roles
 from fmp_drake.primitives.data.orientation import rotation_vectors
 from fmp_drake.station.board_scene import BoardScene
@@ -33,6 +33,13 @@ DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
 
 _FRAME = ("task_frame", "task_frame_velocity", "task_frame_acceleration")
 _ESTIMATOR = "normal_force_estimator"
+
+# Total number of samples of a skill's paths, and range of the number of windows.
+_SAMPLES, _WINDOWS = 6000, (8, 48)
+# Number of windows that are played from the start, each with its own seed.
+_BEGINNINGS = 3
+# Candidates per window: a run prefers samples that wipe much, so the longest are checked.
+_CANDIDATES = 16
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -335,3 +342,45 @@ def _Select(
     part = builder.AddNamedSystem(name, MatrixGain(np.eye(source.size())[[*rows]]))
     builder.Connect(source, part.get_input_port())
     return part.get_output_port()
+
+
+def SampleSkillPaths(
+    scenario: Scenario,
+    skill: FourierMovementPrimitive,
+    roles: ChannelRoles,
+    *,
+    tempo: float,
+    stride: int,
+) -> Array:
+    """Play windows from the start, and sample windows from the whole mixture.
+
+    Half of the samples are arbitrary, half are the longest of many: a run prefers
+    samples that wipe much, which are long and fast. As in a run, samples are moved
+    towards the mean until they are within the skill's margin.
+
+    Returns
+    -------
+    array, shape (B, T, D)
+        Channels of the skill, with positions in B, m; windows from the start first.
+    """
+    config = scenario.skill
+    start = StartChannels(scenario, skill, roles)
+    beginnings = np.empty((_BEGINNINGS, skill.n_steps, skill.n_channels_))
+    margin = SkillMargin(scenario, skill)
+    player = Player(skill, sample=config.sample, seed=config.seed, margin=margin)
+    for i in range(_BEGINNINGS):
+        state = player.start(start, tempo=tempo, seed=config.seed + i)
+        for k in range(skill.n_steps):
+            beginnings[i, k] = player.motion(state)[0]
+            state = player.advance(state, player.tick_seconds / tempo)
+    windows = int(np.clip(_SAMPLES // skill.n_steps, *_WINDOWS))
+    steady, deviation = skill.draw_windows(_CANDIDATES * windows, seed=config.seed)
+    steps = np.diff((steady + deviation)[..., list(roles.position)], axis=1)
+    lengths = np.sum(np.linalg.norm(steps, axis=2), axis=1)
+    longest = np.argsort(lengths[windows // 2 :])[windows // 2 - windows :]
+    rows = [*range(windows // 2), *(windows // 2 + longest)]
+    steady, deviation = steady[rows], deviation[rows]
+    if player.region is not None:
+        fractions = player.region.largest_fractions(steady, deviation)
+        deviation *= fractions[:, None, None]
+    return np.concatenate([beginnings, steady + deviation])[:, ::stride]

@@ -4,6 +4,7 @@ import pytest
 
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.station.models.model_files import models_dir
+from fmp_drake.station.reach import feasibility
 from fmp_drake.station.reach.feasibility import _Check as Check
 
 
@@ -33,23 +34,24 @@ def skills_sampled_once():
 
     It is half of the time of a check.
     """
-    known, skill_paths = {}, Check._skill_paths
+    known, sample = {}, feasibility.SampleSkillPaths
 
-    def once(check, roles):
-        scenario, skill = check._scenario, check._skill
+    def once(scenario, skill, roles, *, tempo, stride):
         tool = scenario.eraser_orientation().matrix()
-        given = check._tempo, scenario.skill, scenario.start, tool
-        key = id(skill), repr(given)
+        key = id(skill), repr((tempo, scenario.skill, scenario.start, tool))
         if key not in known:
-            known[key] = skill, skill_paths(check, roles)
+            known[key] = (
+                skill,
+                sample(scenario, skill, roles, tempo=tempo, stride=stride),
+            )
         return known[key][1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Check, "_skill_paths", once)
+        patch.setattr(feasibility, "SampleSkillPaths", once)
         yield
 
 
 @pytest.fixture
 def no_remedy(monkeypatch):
     """Look for no change that would help, which takes longer than the check."""
-    monkeypatch.setattr(Check, "remedy", lambda _: ("not looked for", None))
+    monkeypatch.setattr(Check, "remedy", lambda _: ("not looked for", {}))

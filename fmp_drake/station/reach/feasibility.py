@@ -11,8 +11,7 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array, Mask, one_blas_thread
-from fmp_drake.primitives import FourierMovementPrimitive, Player
-from fmp_drake.primitives.data.channels import ChannelRoles
+from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.station.models.whiteboard import closed_axes
 from fmp_drake.station.reach.board_reach import (
@@ -24,18 +23,14 @@ from fmp_drake.station.reach.push_prediction import predict_lifts
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion, lengths
 from fmp_drake.station.scenario import ParseScenario, Scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
-from fmp_drake.station.skill_motion import SkillMargin, SkillRoles, StartChannels
+from fmp_drake.station.skill_motion import SampleSkillPaths, SkillRoles
 
 type Values = dict[str, np.floating | float]
 
-# Total number of samples, range of the number of windows, and stride of the samples.
-_SAMPLES, _WINDOWS, _STRIDE = 6000, (8, 48), 2
-# Number of windows that are played from the start, each with its own seed.
-_BEGINNINGS = 3
+# Ticks of a skill between two samples of its paths.
+_STRIDE = 2
 # Smallest checked tempo; at lower ones the joint motions are the same, and slow enough.
 _MIN_TEMPO = 0.25
-# Candidates per window: a run prefers samples that wipe much, so the longest are checked.
-_CANDIDATES = 16
 # Remedies: number of moves of the board, and factors of tempo and normal force with respect
 # to the values that the check has found possible.
 _MOVES, _FACTORS = 4, (1.0, 0.9, 0.75)
@@ -180,14 +175,19 @@ class _Check:
         board, roles = scenario.board, SkillRoles(skill)
         self._tempo = max(scenario.skill.tempo, _MIN_TEMPO)
         self._step = _STRIDE / (self._tempo * skill.rate)
-        values = self._skill_paths(roles)
+        values = SampleSkillPaths(
+            scenario, skill, roles, tempo=self._tempo, stride=_STRIDE
+        )
         self._paths = values[..., list(roles.position)]
         self._R_TE: Array | None = None
         if roles.rotation is not None and roles.reference is not None:
             vectors = values[..., list(roles.rotation)].reshape(-1, 3)
             R_TE = rotations_of(vectors, roles.reference).as_matrix()
             self._R_TE = R_TE.reshape(*self._paths.shape, 3)
-        boards = 1 + bool(any([*board.error.translation, *board.error.rpy]))
+        self._X_WB = [board.assumed_pose()]
+        if any([*board.error.translation, *board.error.rpy]):
+            self._X_WB.append(board.pose())
+        boards = len(self._X_WB)
         # Normal force at each sample, N.
         self._force: Array | float = scenario.nominal_force()
         if roles.force is not None:
@@ -212,46 +212,9 @@ class _Check:
         self._firmer: float | None = None
         self._changed_pace: dict[str, Any] = {}
 
-    def _skill_paths(self, roles: ChannelRoles) -> Array:
-        """Play windows from the start, and sample windows from the whole mixture.
-
-        Half of the samples are arbitrary, half are the longest of many: a run prefers
-        samples that wipe much, which are long and fast. As in a run, samples are moved
-        towards the mean until they are within the skill's margin.
-
-        Returns
-        -------
-        array, shape (B, T, D)
-            Channels of the skill, with positions in B, m; windows from the start first.
-        """
-        skill, config = self._skill, self._scenario.skill
-        start = StartChannels(self._scenario, skill, roles)
-        beginnings = np.empty((_BEGINNINGS, skill.n_steps, skill.n_channels_))
-        margin = SkillMargin(self._scenario, skill)
-        player = Player(skill, sample=config.sample, seed=config.seed, margin=margin)
-        for i in range(_BEGINNINGS):
-            state = player.start(start, tempo=self._tempo, seed=config.seed + i)
-            for k in range(skill.n_steps):
-                beginnings[i, k] = player.motion(state)[0]
-                state = player.advance(state, player.tick_seconds / self._tempo)
-        windows = int(np.clip(_SAMPLES // skill.n_steps, *_WINDOWS))
-        steady, deviation = skill.draw_windows(_CANDIDATES * windows, seed=config.seed)
-        steps = np.diff((steady + deviation)[..., list(roles.position)], axis=1)
-        lengths = np.sum(np.linalg.norm(steps, axis=2), axis=1)
-        longest = np.argsort(lengths[windows // 2 :])[windows // 2 - windows :]
-        rows = [*range(windows // 2), *(windows // 2 + longest)]
-        steady, deviation = steady[rows], deviation[rows]
-        if player.region is not None:
-            fractions = player.region.largest_fractions(steady, deviation)
-            deviation *= fractions[:, None, None]
-        return np.concatenate([beginnings, steady + deviation])[:, ::_STRIDE]
-
     def result(self) -> Feasibility:
         """Predict the motion along the paths, and return the verdict."""
-        scenario, reach, board = self._scenario, self._reach, self._scenario.board
-        X_WB = [board.assumed_pose()]
-        if any([*board.error.translation, *board.error.rpy]):
-            X_WB.append(board.pose())
+        scenario, reach, X_WB = self._scenario, self._reach, self._X_WB
         try:
             posture = reach.start_posture()
         except StationError:
