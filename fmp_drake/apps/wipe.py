@@ -279,6 +279,8 @@ def _simulate(
         if panel is not None:
             grab = describe_page(run.scenario)["grab"]
             panel.show(summary=[], progress=None, grab=grab)
+            if choice is not None:  # It takes the last message off the page.
+                panel.say(choice, level="idle")
         start, begin = time.perf_counter(), run.simulator.get_context().get_time()
         times = advance(
             run.simulator,
@@ -286,7 +288,7 @@ def _simulate(
             meshcat=None if page.headless else run.meshcat,
             panel=run.panel,
             advance_to=run.advance_to,
-            on_reset=run.restart,
+            on_reset=partial(_restart, run, panel),
             goes_on=partial(_continues, panel, play, choice),
         )
         if panel is not None:
@@ -309,6 +311,7 @@ def _simulate(
         if run.panel is not None:
             faults = rows["what went wrong"]
             run.panel.show(mode="finished", level="idle", detail="", rate=1.0, grab="")
+            run.panel.show(time=seconds)
             run.panel.show(summary=[row for row in rows.items() if row[1] != faults])
             level: Level = "good" if faults == "nothing" else "busy"
             run.panel.say(f"what went wrong: {faults}", level=level)
@@ -326,6 +329,13 @@ def _simulate(
             reset(run.simulator)
             run.restart()
         end = play.least_duration if choice == "again" else seconds
+
+
+def _restart(run: StationRun, panel: PagePanel | None) -> None:
+    """Discard the results of a run and its last message on the page."""
+    run.restart()
+    if panel is not None:
+        panel.say("reset", level="idle")
 
 
 def _continues(panel: PagePanel | None, play: PlayOptions, choice: str | None) -> bool:

@@ -155,6 +155,8 @@ class TeachPage:
                 if session.remark:
                     level: Level = "good" if session.is_done else "busy"
                     self._panel.say(f"{name}: {session.remark}", level=level)
+                else:
+                    self._panel.say(name, level="idle")
                 self.show(session)
                 return name
         return None

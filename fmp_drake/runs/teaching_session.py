@@ -126,6 +126,8 @@ class TeachingSession:
         self._learned: list[Demonstration] = []
         self._discarded: list[tuple[Any, ...]] = []
         self._saved: tuple[Any, ...] = ()
+        self._saved_files = ""
+        self._surface = scenario.board.curvature()
         self._run: StationRun | None = None
         self._samples: list[tuple[Any, ...]] = []
         self._lag, self._drawn = 0.0, 0
@@ -298,7 +300,7 @@ class TeachingSession:
         if self.skill is None and not demonstrations:
             raise RunError("there is nothing to save yet: show a movement first")
         if content == self._saved:
-            self.remark = f"saved already: {self.file_names}"
+            self.remark = f"saved already: {self._saved_files}"
             return
         earlier_files = keep_earlier_files(self._out, self._skill_file)
         paths = numbered(self._out, len(demonstrations))
@@ -308,7 +310,8 @@ class TeachingSession:
             save_skill(self.skill, self._skill_file)
             paths.append(self._skill_file)
         self._saved = content
-        self.remark = f"wrote {', '.join(path.name for path in paths)}"
+        self._saved_files = ", ".join(path.name for path in paths)
+        self.remark = f"wrote {self._saved_files}"
         if earlier_files:
             self.remark += f"; the earlier files are {', '.join(earlier_files)} now"
 
@@ -389,7 +392,9 @@ class TeachingSession:
             self._meshcat.Delete(f"{BOARD}/taught")
             if self._run is None:
                 paths = [d.values[:, :3] for d in self._earlier]
-                draw_demonstrations(self._meshcat, f"{BOARD}/taught/kept", paths)
+                draw_demonstrations(
+                    self._meshcat, f"{BOARD}/taught/kept", paths, surface=self._surface
+                )
 
     # Outputs --------------------------------------------------------------------------
 
@@ -422,7 +427,14 @@ class TeachingSession:
     def _draw_path(self, name: str, points: Array) -> None:
         if self._meshcat is not None:
             path = f"{BOARD}/taught/{name}"
-            draw_rod(self._meshcat, path, points, radius=0.0025, color=TRAIL_COLOR)
+            draw_rod(
+                self._meshcat,
+                path,
+                points,
+                radius=0.0025,
+                color=TRAIL_COLOR,
+                surface=self._surface,
+            )
 
     @property
     def status(self) -> str:

@@ -74,6 +74,8 @@ def AddBodies(builder: DiagramBuilder, scene: BoardScene, meshcat: Meshcat) -> N
     System: meshcat_visualizer.
     """
     meshcat.Delete(_BODIES)
+    if not scene.scenario.has_board:
+        meshcat.SetTransform(BOARD, scene.scenario.board.pose())
     visualizer = MeshcatVisualizer.AddToBuilder(
         builder,
         scene.scene_graph,
@@ -210,8 +212,6 @@ def _AddPaths(
     scenario, surface = scene.scenario, scene.curvature
     show, skill, roles = scenario.show, playback.skill, playback.roles
     position = list(roles.position)
-    if not scenario.has_board:
-        meshcat.SetTransform(BOARD, scenario.board.pose())
     if show.demonstrations:
         paths = [path[:, position] for path in demonstrated]
         draw_demonstrations(meshcat, f"{BOARD}/demonstrations", paths, surface=surface)
