@@ -14,7 +14,11 @@ from fmp_drake.primitives import (
     Rhythm,
     find_rhythm,
 )
-from fmp_drake.primitives.data.windows import as_windows
+from fmp_drake.primitives.data.windows import (
+    DEFAULT_RATE,
+    as_windows,
+    cut_demonstrations,
+)
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.skills.placement import place_on_board
 from fmp_drake.station import Scenario
@@ -185,11 +189,18 @@ def describe_recording(
         cycles = "; ".join(rhythm.describe())
     except DemonstrationError as error:
         cycles = f"none found: {error}"
+    try:
+        (part,) = cut_demonstrations(
+            [demonstration], start_time, end_time, DEFAULT_RATE
+        )
+        learning = _learning_in_words(part, rhythm)
+    except DemonstrationError as error:
+        learning = f"not possible: {error}"
     return [
         f"channels: {'; '.join(_channels_in_words(demonstration))}",
         f"rate: {rate}",
         f"cycles: {cycles}",
-        f"learning: {_learning_in_words(demonstration, rhythm)}",
+        f"learning: {learning}",
     ]
 
 

@@ -25,6 +25,7 @@ from fmp_drake.skills.surface_placement import (
     check_scale,
     curved_surface_remark,
     place_on_fitted_surface,
+    samples_in_bouts,
 )
 from fmp_drake.station import Scenario
 from fmp_drake.station.robots.robot import ListRobots
@@ -111,8 +112,10 @@ def check_width(demonstration: Demonstration) -> None:
 def fit_placement(demonstration: Demonstration, *, usable: ArrayLike) -> Placement:
     """Fit the placement of a recorded path in the middle of a board.
 
-    The plane near which the tool stays longest becomes the surface; the path leaves it
-    upwards. The board's x axis is the projection of the recording's x axis, or of its y
+    Only the bouts of the movement count: what is not learned, such as an approach from
+    afar, neither moves nor scales it. The plane near which the tool stays longest becomes
+    the surface; the path leaves it upwards, and so does the rest of the recording. The
+    board's x axis is the projection of the recording's x axis, or of its y
     axis where x is nearly normal to the plane. The middle of the
     path's bounding box becomes the middle of the board, and a path that is too large
     is scaled down to the usable size.
@@ -135,6 +138,8 @@ def fit_placement(demonstration: Demonstration, *, usable: ArrayLike) -> Placeme
             f"the demonstration has {points.shape[1]} channels; a path to lay onto a "
             "board needs 3 (x, y, z)."
         )
+    in_bouts = samples_in_bouts(demonstration)
+    points, others = points[in_bouts], points[~in_bouts]
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[1] < 1e-3 * max(spread[0], 1e-12):
         raise DemonstrationError(
@@ -142,6 +147,8 @@ def fit_placement(demonstration: Demonstration, *, usable: ArrayLike) -> Placeme
             "determined; give the transform to the board instead."
         )
     centre, normal = _longest_plane(points)
+    if len(others) and np.median((others - centre) @ normal) < -_TOUCH:
+        normal = -normal
     forward = np.eye(3)[1 if abs(normal[0]) > 0.9 else 0]
     x = forward - (forward @ normal) * normal
     x /= np.linalg.norm(x)

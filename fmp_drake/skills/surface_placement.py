@@ -246,16 +246,22 @@ def _touching(contact: _Contact, heights: Array) -> Mask:
     return touching
 
 
-def _contact(demonstration: Demonstration) -> _Contact:
-    """Find where the tool touches, by the force and by the bouts of the movement."""
-    path = demonstration.select(POSITION_CHANNELS)
+def samples_in_bouts(path: Demonstration) -> Mask:
+    """Return which samples of a path are in bouts of its movement: all without a rhythm."""
     in_bout = np.zeros(len(path.time), dtype=bool)
     time = path.time - path.time[0]
     try:
         for bout in find_rhythm(path).bouts:
             in_bout |= (time >= bout.start) & (time <= bout.end)
-    except DemonstrationError:  # Too short for a rhythm.
+    except DemonstrationError:
         in_bout[:] = True
+    return in_bout
+
+
+def _contact(demonstration: Demonstration) -> _Contact:
+    """Find where the tool touches, by the force and by the bouts of the movement."""
+    path = demonstration.select(POSITION_CHANNELS)
+    in_bout = samples_in_bouts(path)
     channels = set(demonstration.channels)
     forces = (FORCE_COMPONENTS, (FORCE_CHANNEL,))
     names = next((f for f in forces if set(f) <= channels), None)

@@ -122,6 +122,14 @@ def test_windows_that_are_announced_are_those_that_are_learned():
     assert "possible, from 51 windows of 2.5 s" in announced
 
 
+def test_part_without_samples_is_not_announced_as_possible():
+    t = np.arange(0, 12, 0.05)
+    recording = Demonstration(time=t, values=circles(2 * np.pi * t / 2))
+    for part in ({"start_time": 50.0}, {"start_time": 8.0, "end_time": 4.0}):
+        announced = describe_recording(recording, **part)[-1]
+        assert announced.startswith("learning: not possible: demonstration 0 lasts")
+
+
 def test_tremor_of_the_force_is_not_learned_and_the_path_is_learned_as_it_was_shown():
     time = np.arange(0, 60, 0.05)
     path = circles(3 * time)
