@@ -794,7 +794,7 @@ def fake_run(skill, *, clean=(), events=(), **more):
             np.searchsorted(clean, np.asarray(times) + 1e-9, side="right") / 12
         ),
         events=lambda: list(events),
-        scenario=SimpleNamespace(press=SimpleNamespace(force=10.0)),
+        desired_force=lambda: np.full(len(logs["normal_force"]), 10.0),
         demonstrated_area=area,
         roles=ChannelRoles(position=(0, 1, 2)),
     )

@@ -222,8 +222,8 @@ class Player:
 
     def advance(self, state: PlaybackState, seconds: float) -> PlaybackState:
         """Return the state some seconds of real time later, with all ticks and re-mappings."""
-        if not -_ROUNDING <= seconds < np.inf:
-            check_number(seconds, "seconds", least=0, unit="s")
+        if not seconds < np.inf:
+            check_number(seconds, "seconds", unit="s")
         while True:
             wait = state.seconds_until(self.tick_seconds)
             if seconds < wait - _ROUNDING * self.tick_seconds:
