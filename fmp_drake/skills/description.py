@@ -91,8 +91,8 @@ def _about_windows(skill: FourierMovementPrimitive) -> list[str]:
         (
             f"{seconds:.0f} s are short for a mixture with windows of {window:g} s: "
             f"{seconds / window:.1f} of them do not overlap, and a component has "
-            f"{windows_per_component:.1f} that do. It does not represent movements unlike these; record "
-            f"{_ENOUGH_WINDOWS * window:.0f} s or four equal cycles"
+            f"{windows_per_component:.1f} that do. It does not represent movements unlike "
+            f"these; record {_ENOUGH_WINDOWS * window:.0f} s or four equal cycles"
         )
     ]
 
