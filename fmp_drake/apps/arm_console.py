@@ -129,6 +129,7 @@ def arm_in_words(run: ArmRun) -> PanelFields:
     force = None
     if run.scenario.has_board:
         force = fields["force"] = max(float(run.output("normal_force")[0]), 0.0)
+        fields["desired_force"] = run.desired_force
     faults = run.faults.name or ""
     if run.mode is GateMode.OPEN:
         flags = int(run.output("status")[0])

@@ -4,6 +4,7 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 from pydrake.common.yaml import yaml_dump_typed
@@ -85,6 +86,7 @@ def learn(
         is_file = Path(skill.robot).is_file()
         scenario.robot = str(Path(skill.robot).resolve()) if is_file else skill.robot
         scenario.check()
+    part: dict[str, Any] = vars(rhythm)
     if skill.as_recorded:
         recordings, remarks = load_as_recorded(
             demonstrations, stretch=learning.stretch, reading=recording.reading()
@@ -99,7 +101,10 @@ def learn(
             needs_board=False,
             surface=learning.surface,
             extra=learning.extra,
+            **part,
         )
+        if learning.surface is not None:  # They are the bouts of that part.
+            part = {"period": rhythm.period}
     for remark in remarks:
         console.print(remark, soft_wrap=True)
     start = time.perf_counter()
@@ -109,13 +114,12 @@ def learn(
             window=learning.window,
             n_components=learning.n_components,
             model=skill.model,
-            **vars(rhythm),
+            **part,
             by_position=learning.surface is not None,
             progress=status.update,
         )
     console.print(
-        f"learned {len(learned.components_)} components from "
-        f"{source_in_words(learned)} in {time.perf_counter() - start:.2f} s"
+        f"learned {source_in_words(learned)} in {time.perf_counter() - start:.2f} s"
     )
     for sentence in skill_in_words(learned):
         console.print(sentence)

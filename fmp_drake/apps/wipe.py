@@ -183,10 +183,7 @@ def wipe(
         learn_seconds = time.perf_counter() - start
         for text in (
             *remarks,
-            (
-                f"skill of {len(skill.components_)} components from "
-                f"{source_in_words(skill)}, ready after {learn_seconds:.2f} s"
-            ),
+            (f"skill of {source_in_words(skill)}, ready after {learn_seconds:.2f} s"),
             model_in_words(skill),
         ):
             say(console, panel, text)
@@ -194,7 +191,7 @@ def wipe(
         if not (
             feasibility.is_feasible
             or play.force
-            or _is_run_anyway(panel, feasibility, scenario)
+            or _is_run_anyway(console, panel, feasibility, scenario)
         ):
             raise StationError(
                 f"{feasibility.verdict} {advice(feasibility, scene, learning, recording)} "
@@ -234,7 +231,10 @@ def wipe(
 
 
 def _is_run_anyway(
-    panel: PagePanel | None, feasibility: Feasibility, scenario: Scenario
+    console: Console,
+    panel: PagePanel | None,
+    feasibility: Feasibility,
+    scenario: Scenario,
 ) -> bool:
     """Return whether a viewer of the page decides to run an infeasible skill.
 
@@ -250,10 +250,15 @@ def _is_run_anyway(
     panel.show(
         mode="not feasible", level="busy", detail=feasibility.verdict, progress=None
     )
+    console.print(f"{feasibility.verdict} Choose on the page; Enter ends it.")
     choice = wait_for_click(panel, buttons)
-    if tempo is not None and choice not in (None, _RUN_ANYWAY):
+    if choice is None:
+        return False
+    if tempo is not None and choice != _RUN_ANYWAY:
         scenario.skill.tempo = tempo
-    return choice is not None
+    panel.show(mode="getting ready", level="idle", detail="")
+    say(console, panel, choice)
+    return True
 
 
 def _simulate(

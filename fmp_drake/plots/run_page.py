@@ -182,7 +182,7 @@ def _draw_force(ax: Axes, run: "WipingRun") -> None:
     desired = run.desired_force()
     low, high = np.maximum(desired - FORCE_TOLERANCE, 0.0), desired + FORCE_TOLERANCE
     style: dict[str, Any] = {"color": "#009E73", "alpha": 0.12, "linewidth": 0}
-    if run.roles.force is None:
+    if np.ptp(desired) == 0:
         label = f"desired, {low[0]:g} to {high[0]:g} N"
         ax.axhspan(low[0], high[0], label=label, **style)
     else:

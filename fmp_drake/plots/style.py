@@ -237,7 +237,7 @@ class Channels:
 
     def check(self, demonstrations: Sequence[Demonstration]) -> None:
         """Raise a RunError if a demonstration has other channels."""
-        for number, demonstration in enumerate(demonstrations):
+        for number, demonstration in enumerate(demonstrations, 1):
             if demonstration.channels != self.names:
                 raise RunError(
                     f"demonstration {number} has the channels "

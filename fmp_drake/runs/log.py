@@ -135,7 +135,7 @@ _KINDS: dict[str, tuple[Any, ...]] = {
     "erase_time": (math.inf, _ERASED, "s", "B"),
     "cleaned_fraction": (_RARE, _CLEANED, "1", "", ("cleaned",)),
     "normal_force": (_SLOW, "of the eraser on the board", "N", "", ("force",)),
-    "desired_normal_force": (_SLOW, "of the skill", "N", "", ("force",)),
+    "desired_normal_force": (_SLOW, "along the normal", "N", "", ("force",)),
     "penetration": (_SLOW, _PENETRATION, "m", "", ("depth",)),
     "contact_area": (_SLOW, "between eraser and board", "m^2", "", ("area",)),
     "disturbance": (_SLOW, "force of the disturbances on E", "N", "W", _XYZ),

@@ -44,7 +44,7 @@ _TOUCHES = StatusFlag.BELOW_SURFACE | StatusFlag.ARM_TOUCHES
 _FAULTS = StatusFlag.PROTECTIVE_STOP | StatusFlag.JOINT_WALL | _TOUCHES
 
 METRIC_SIGNALS = (
-    *("normal_force", "desired_position", "desired_velocity"),
+    *("normal_force", "desired_normal_force", "desired_position", "desired_velocity"),
     *("measured_position", "state", "actuation", "torque", "status", "penetration"),
 )
 """Names of the signals from which the metrics of every skill are computed."""
@@ -70,12 +70,11 @@ def metric_signals(roles: ChannelRoles) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> roles = ChannelRoles(position=(0, 1, 2), force=3)
+    >>> roles = ChannelRoles(position=(0, 1, 2), rotation=(3, 4, 5))
     >>> metric_signals(roles)[-1]
-    'desired_normal_force'
+    'tracking_error'
     """
     extra = [] if roles.rotation is None else ["tracking_error"]
-    extra += [] if roles.force is None else ["desired_normal_force"]
     return (*METRIC_SIGNALS, *extra)
 
 
@@ -108,10 +107,12 @@ class ForceMetrics:
     ----------
     desired_force : float
         Desired normal force, N; the signal desired_normal_force, if any, replaces it.
+    has_channel : bool
+        Whether the desired force is a channel of the skill: its error counts as well.
     """
 
-    def __init__(self, desired_force: float) -> None:
-        self._desired = desired_force
+    def __init__(self, desired_force: float, *, has_channel: bool = False) -> None:
+        self._desired, self._has_channel = desired_force, has_channel
         self._settling_end = 0.0
         self._error = _ErrorStatistics()
         self._counts = np.zeros(round(_MAX_FORCE / _BIN), dtype=np.int64)
@@ -125,7 +126,7 @@ class ForceMetrics:
         self._largest = float(np.max(force, initial=self._largest))
         desired = np.full(len(force), self._desired)
         touching = force > CONTACT_FORCE
-        if is_varying := "desired_normal_force" in chunk:
+        if "desired_normal_force" in chunk:
             desired = chunk["desired_normal_force"].values[:, 0]
         first = 0
         if not self._samples:
@@ -134,7 +135,7 @@ class ForceMetrics:
         self._samples += len(force) - first
         force, desired = force[touching], desired[touching]
         error = np.abs(force - desired)
-        if is_varying:
+        if self._has_channel:
             is_settled = times[touching] >= self._settling_end
             self._error.update(error[is_settled] ** 2)
         self._sum += float(np.sum(force))
@@ -391,18 +392,17 @@ class RunMetrics:
         contact_height: float = 0.0,
         roles: ChannelRoles = _POSITION,
     ) -> None:
-        press = scenario.press
+        press, has_force = scenario.press, roles.force is not None
         self._has_board = scenario.has_board
         self._region = RegionMetrics(region, roles)
         self._limits = LimitMetrics(limits, control_period=control_period)
         self._played: tuple[Any, ...] = (
-            *([ForceMetrics(press.force)] if self._has_board else []),
+            *([ForceMetrics(press.force, has_channel=has_force)] * self._has_board),
             TrackingMetrics(contact_height + press.engage_height),
             *([] if roles.rotation is None else [OrientationMetrics()]),
             self._region,
         )
         excess = scenario.impedance.watchdog.max_excess_force
-        has_force = roles.force is not None
         self._events = RunEvents(np.inf if has_force else 2 * press.force + excess)
         # The eraser is lower than the board by the compression of its felt, m.
         ratio = press.force / FeltForceLimit(scenario.eraser)

@@ -461,9 +461,7 @@ class WipingRun(StationRun):
 
     def desired_force(self) -> Array:
         """Return the desired normal force at the times of `normal_force`, N, shape (N,)."""
-        if self.roles.force is not None:
-            return self.log("desired_normal_force")[:, 0]
-        return np.full(len(self.log_times("normal_force")), self.scenario.press.force)
+        return self.log("desired_normal_force")[:, 0]
 
     def _final_signals(self) -> dict[str, Array]:
         return {"ink": self.ink(), "erase_time": self.erase_time()}

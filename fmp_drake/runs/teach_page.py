@@ -82,12 +82,11 @@ class TeachPage:
             for name in names:
                 meshcat.AddButton(name)
             self._clicks = dict.fromkeys(names, 0)
-        missing, has_skill = session.missing, session.skill is not None
+        requirement, has_skill = session.requirement, session.skill is not None
         has_demonstration = bool(session.shown)
-        requirement = f"show {missing:.0f} s more first" if missing else ""
         buttons: Any = {
             "learn": {
-                "enabled": not missing,
+                "enabled": not requirement,
                 "hint": requirement or "learn a skill from what was shown, and play it",
             },
             "again": {

@@ -155,6 +155,11 @@ class TeachingSession:
         return self._missing(self.demonstrations)
 
     @property
+    def requirement(self) -> str:
+        """What must be shown before learning; "" where it is enough."""
+        return self._requirement(self.demonstrations)
+
+    @property
     def progress(self) -> float:
         """Recorded fraction of the motion that learning needs, from 0 to 1."""
         return 1 - self.missing / (_MIN_WINDOWS * self._scenario.skill.window)
@@ -320,10 +325,9 @@ class TeachingSession:
     def _learn(self, demonstrations: list[Demonstration]) -> None:
         """Learn and play a skill; an error changes nothing."""
         window = self._scenario.skill.window
-        if (missing := self._missing(demonstrations)) > 0:
+        if requirement := self._requirement(demonstrations):
             raise RunError(
-                f"show {np.ceil(missing):.0f} s more: two windows of {window:g} s are the "
-                "least to learn from"
+                f"{requirement}: two windows of {window:g} s are the least to learn from"
             )
         started = time.perf_counter()
         skill = learn_skill(
@@ -350,6 +354,18 @@ class TeachingSession:
         lengths = [d.duration + 1 / DEFAULT_RATE for d in demonstrations]
         total = sum(length for length in lengths if length >= window)
         return max(0.0, _MIN_WINDOWS * window - max([total, *lengths]))
+
+    def _requirement(self, demonstrations: Sequence[Demonstration]) -> str:
+        """Return what must be shown before learning; "" where it is enough."""
+        window = self._scenario.skill.window
+        if not (missing := self._missing(demonstrations)):
+            return ""
+        requirement = f"show {np.ceil(missing):.0f} s more"
+        if len(demonstrations) > 1 and min(d.duration for d in demonstrations) < window:
+            requirement += (
+                f" without letting go (parts below {window:g} s do not add up)"
+            )
+        return requirement
 
     def _teach(self, q: Array | None) -> None:
         if self._run is not None:
@@ -444,8 +460,8 @@ class TeachingSession:
             status = f"wiping: {100 * cleaned:.0f} % of what was shown is clean"
         elif self._run is not None:
             status = "following what was shown"
-        elif missing := self.missing:
-            status = f"show at least {missing:.0f} s more"
+        elif requirement := self.requirement:
+            status = requirement
         else:
             status = "enough to learn; more is better"
         if self.realtime_rate < _SLOW_RATE:

@@ -14,6 +14,7 @@ from fmp_drake.primitives import (
     Rhythm,
     find_rhythm,
 )
+from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import (
     DEFAULT_RATE,
     as_windows,
@@ -63,7 +64,7 @@ def skill_in_words(skill: FourierMovementPrimitive) -> list[str]:
 
 
 def source_in_words(skill: FourierMovementPrimitive) -> str:
-    """Describe the source of a skill: the cycles of a phase model, else windows.
+    """Describe components of a skill and their source: cycles, or windows of a mixture.
 
     Examples
     --------
@@ -72,13 +73,14 @@ def source_in_words(skill: FourierMovementPrimitive) -> str:
     >>> circles = 0.1 * np.column_stack([np.cos(phase), np.sin(phase)])
     >>> skill = FourierMovementPrimitive(model="phase", rate=20.0)
     >>> source_in_words(skill.fit(circles))
-    '2.0 cycles of 3.14 s'
+    '80 components from 2.0 cycles of 3.14 s'
     """
+    source = f"{count_text(len(skill.components_), 'component')} from "
     if skill.phase_model_ is None:
-        return f"{skill.n_windows_} windows of {skill.window:g} s"
+        return source + f"{skill.n_windows_} windows of {skill.window:g} s"
     rhythm = skill.rhythm_
     cycles = skill.phase_model_.cycles if rhythm is None else rhythm.cycles
-    return f"{cycles:.1f} cycles of {skill.period_:.2f} s"
+    return source + f"{cycles:.1f} cycles of {skill.period_:.2f} s"
 
 
 def _about_windows(skill: FourierMovementPrimitive) -> list[str]:
@@ -153,15 +155,11 @@ def _percent(values: Array) -> str:
 
 
 def describe_recording(
-    demonstration: Demonstration,
-    *,
-    start_time: float | None = None,
-    end_time: float | None = None,
-    period: float | None = None,
+    demonstration: Demonstration, **options: float | None
 ) -> list[str]:
     """Return four lines: channels, rate, cycles, and whether learning is possible.
 
-    `start_time`, `end_time` and `period` are those of `find_rhythm`.
+    The options start_time, end_time and period are those of `find_rhythm`.
 
     Examples
     --------
@@ -183,17 +181,15 @@ def describe_recording(
         rate += f"; intervals from {steps.min():.3g} to {steps.max():.3g} ms"
     rhythm: Rhythm | None = None
     try:
-        rhythm = find_rhythm(
-            demonstration, start_time=start_time, end_time=end_time, period=period
-        )
+        rhythm = find_rhythm(demonstration, **options)
         cycles = "; ".join(rhythm.describe())
     except DemonstrationError as error:
         cycles = f"none found: {error}"
     try:
-        (part,) = cut_demonstrations(
-            [demonstration], start_time, end_time, DEFAULT_RATE
-        )
+        limits = options.get("start_time"), options.get("end_time")
+        (part,) = cut_demonstrations([demonstration], *limits, DEFAULT_RATE)
         learning = _learning_in_words(part, rhythm)
+        learning += _placing_in_words(demonstration, **options)
     except DemonstrationError as error:
         learning = f"not possible: {error}"
     return [
@@ -214,25 +210,31 @@ def _channels_in_words(demonstration: Demonstration) -> Iterator[str]:
 
 
 def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> str:
-    """Return whether a skill can be learned, and whether the path fits the board."""
+    """Return what a skill can be learned from.
+
+    Raises
+    ------
+    DemonstrationError
+        Where none can.
+    """
     if rhythm is not None:
-        possible = f"possible, from {rhythm.cycles:.1f} cycles"
-    else:
-        skill = FourierMovementPrimitive()
-        n_steps = skill.mixture_steps(int(demonstration.duration * skill.rate) + 1)
-        try:
-            windows = as_windows(
-                [demonstration],
-                n_steps=n_steps,
-                stride=FourierMovementPrimitive(n_steps=n_steps).window_stride,
-                rate=skill.rate,
-            )
-        except DemonstrationError as error:
-            return f"not possible: {error}"
-        seconds = n_steps / skill.rate
-        possible = f"possible, from {len(windows.values)} windows of {seconds:g} s"
+        return f"possible, from {rhythm.cycles:.1f} cycles"
+    skill = FourierMovementPrimitive()
+    n_steps = skill.mixture_steps(int(demonstration.duration * skill.rate) + 1)
+    windows = as_windows(
+        [demonstration],
+        n_steps=n_steps,
+        stride=FourierMovementPrimitive(n_steps=n_steps).window_stride,
+        rate=skill.rate,
+    )
+    seconds = n_steps / skill.rate
+    return f"possible, from {len(windows.values)} windows of {seconds:g} s"
+
+
+def _placing_in_words(demonstration: Demonstration, **rhythm: float | None) -> str:
+    """Return whether the path of a recording fits the board, after a semicolon."""
     try:
-        _, remarks = place_on_board(demonstration, scenario=Scenario())
+        _, remarks = place_on_board(demonstration, scenario=Scenario(), **rhythm)
     except DemonstrationError as error:
-        return f"{possible}; not for the board: {error}"
-    return "; ".join([possible, *remarks] if remarks else [possible, "on the board"])
+        return f"; not for the board: {error}"
+    return "; " + "; ".join(remarks or ["on the board"])

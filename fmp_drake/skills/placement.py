@@ -19,6 +19,7 @@ from fmp_drake.primitives.data.channels import (
 )
 from fmp_drake.primitives.data.reading.columns import NO_POSITION, SEVERAL
 from fmp_drake.primitives.data.reading.table import columns_option
+from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
 from fmp_drake.skills.joint_recording import EraserPath, FindRobot, RobotJoints
 from fmp_drake.skills.surface_placement import (
     BORDER,
@@ -109,7 +110,9 @@ def check_width(demonstration: Demonstration) -> None:
     raise DemonstrationError(f"the path is {width:.3g} m wide: {guess}.")
 
 
-def fit_placement(demonstration: Demonstration, *, usable: ArrayLike) -> Placement:
+def fit_placement(
+    demonstration: Demonstration, *, usable: ArrayLike, **rhythm: float | None
+) -> Placement:
     """Fit the placement of a recorded path in the middle of a board.
 
     Only the bouts of the movement count: what is not learned, such as an approach from
@@ -126,6 +129,8 @@ def fit_placement(demonstration: Demonstration, *, usable: ArrayLike) -> Placeme
         With 3 position channels, m, in any frame.
     usable : array_like, shape (2,)
         Greatest extent of the path along the board's x and y, m.
+    **rhythm : float, optional
+        start_time, end_time and period, as for `find_rhythm`.
 
     Raises
     ------
@@ -138,7 +143,7 @@ def fit_placement(demonstration: Demonstration, *, usable: ArrayLike) -> Placeme
             f"the demonstration has {points.shape[1]} channels; a path to lay onto a "
             "board needs 3 (x, y, z)."
         )
-    in_bouts = samples_in_bouts(demonstration)
+    in_bouts = samples_in_bouts(demonstration, **rhythm)
     points, others = points[in_bouts], points[~in_bouts]
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[1] < 1e-3 * max(spread[0], 1e-12):
@@ -205,12 +210,15 @@ def load_on_board(
     needs_board: bool = True,
     surface: str | None = None,
     extra: Sequence[str] = (),
+    **rhythm: float | None,
 ) -> tuple[list[Demonstration], list[str]]:
     """Load demonstrations in the frame of the board, with remarks.
 
     Without `needs_board`, those with neither positions nor a robot's joints are unchanged.
     With a `surface`, "fitted" or one of the shapes, it is fitted to the demonstrations, and
-    becomes the scenario's board; `extra` is that of `place_on_fitted_surface`.
+    becomes the scenario's board; `extra` is that of `place_on_fitted_surface`. It returns
+    the bouts; otherwise a part between start_time and end_time, of `rhythm` as for
+    `find_rhythm`, is placed with the rest of its recording.
     """
     demonstrations: list[Demonstration] = []
     remarks: list[str] = []
@@ -228,13 +236,14 @@ def load_on_board(
             scenario=scenario,
             shape=None if surface == "fitted" else surface,
             extra=extra,
+            **rhythm,
         )
         return demonstrations, [*remarks, *notes]
     for path in paths:
         recordings, notes = load_as_recorded([path], stretch=stretch, reading=reading)
         remarks += notes
         fits_board = transform is not None or all(map(_is_placed, recordings))
-        curved = "" if fits_board else _curved_surface(path, reading)
+        curved = "" if fits_board else _curved_surface(path, reading, **rhythm)
         for demonstration in recordings:
             try:
                 demonstration, notes = place_on_board(
@@ -242,6 +251,7 @@ def load_on_board(
                     scenario=scenario,
                     transform=transform,
                     needs_board=needs_board,
+                    **rhythm,
                 )
             except DemonstrationError as error:
                 also = f" Also, {curved}." if curved else ""
@@ -258,14 +268,16 @@ def _is_placed(demonstration: Demonstration) -> bool:
     return demonstration.frame == "board" or not has_position
 
 
-def _curved_surface(path: Path, reading: ReadingOptions | None) -> str:
+def _curved_surface(
+    path: Path, reading: ReadingOptions | None, **rhythm: float | None
+) -> str:
     """Return a remark where a recording, with its forces, is of a curved surface."""
     reading = replace(reading or ReadingOptions(), all_arrays=True)
     try:
         recordings, _ = read_demonstrations([path], reading)
     except (DemonstrationError, SkillFileError):
         return ""
-    return curved_surface_remark(recordings)
+    return curved_surface_remark(recordings, **rhythm)
 
 
 def load_as_recorded(
@@ -351,10 +363,12 @@ def place_on_board(
     scenario: Scenario,
     transform: Sequence[float] | None = None,
     needs_board: bool = True,
+    **rhythm: float | None,
 ) -> tuple[Demonstration, list[str]]:
     """Return a demonstration in the frame of the board, and remarks.
 
     It has x, y and z, and orientation and force where it was in that frame already.
+    `rhythm` is that of `fit_placement`.
 
     Raises
     ------
@@ -393,7 +407,8 @@ def place_on_board(
         if others:
             demonstration = demonstration.select(played)
             remarks.append(f"{others} left out: the board needs {_listed(played)}")
-    check_width(demonstration)
+    part = (rhythm.get("start_time"), rhythm.get("end_time"))
+    check_width(*cut_demonstrations([demonstration], *part, DEFAULT_RATE))
     if transform is not None:
         placement = Placement(
             rotation=Rotation.from_euler("xyz", transform[3:]).as_matrix(),
@@ -403,7 +418,7 @@ def place_on_board(
     if demonstration.frame == "board":
         return demonstration, remarks
     usable = np.array(scenario.board.size) - scenario.eraser.footprint - BORDER
-    placement = fit_placement(demonstration, usable=usable)
+    placement = fit_placement(demonstration, usable=usable, **rhythm)
     touching = f"{100 * placement.touching:.0f} % of the time"
     instead = "Give its pose (--transform), or learn it as it is (learn --as-recorded)."
     if placement.touching < _LEAST_TOUCHING:

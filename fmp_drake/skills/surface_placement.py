@@ -21,6 +21,7 @@ from fmp_drake.primitives.data.orientation import (
     rotations_of,
     unit_quaternion,
 )
+from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
 from fmp_drake.skills.surface_fit import FittedSurface, fit_surface
 from fmp_drake.station import Scenario
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
@@ -70,6 +71,7 @@ def place_on_fitted_surface(
     scenario: Scenario,
     shape: str | None = None,
     extra: Sequence[str] = (),
+    **rhythm: float | None,
 ) -> tuple[list[Demonstration], list[str]]:
     """Fit a surface to recordings, make it the scenario's board, and place them on it.
 
@@ -95,6 +97,8 @@ def place_on_fitted_surface(
         plane, cylinder, dome or bowl instead of the choice by the residuals.
     extra : sequence of str
         `orientation` and `force`, to be placed with the position.
+    **rhythm : float, optional
+        start_time, end_time and period, as for `find_rhythm`.
 
     Returns
     -------
@@ -112,9 +116,9 @@ def place_on_fitted_surface(
     for name in extra:
         if name not in EXTRA_CHANNELS:
             raise DemonstrationError(
-                f"{name!r} cannot be placed; choose of: {', '.join(EXTRA_CHANNELS)}."
+                f"{name!r} cannot be placed; choose from: {', '.join(EXTRA_CHANNELS)}."
             )
-    fit, contacts = _fit(demonstrations, shape)
+    fit, contacts = _fit(demonstrations, shape, **rhythm)
     remarks = [fit.describe()]
     coordinates = [
         fit.coordinates(d.select(POSITION_CHANNELS).values) for d in demonstrations
@@ -182,12 +186,14 @@ def check_scale(scale: float, advice: str) -> None:
         )
 
 
-def curved_surface_remark(demonstrations: Sequence[Demonstration]) -> str:
+def curved_surface_remark(
+    demonstrations: Sequence[Demonstration], **rhythm: float | None
+) -> str:
     """Return a remark where a curved surface fits the contact far better than a plane.
 
     Parameters
     ----------
-    demonstrations : sequence of Demonstration
+    demonstrations, **rhythm
         As for `place_on_fitted_surface`.
 
     Returns
@@ -196,7 +202,7 @@ def curved_surface_remark(demonstrations: Sequence[Demonstration]) -> str:
         Empty where a plane is as good, or nothing fits.
     """
     try:
-        fit, _ = _fit(demonstrations, None)
+        fit, _ = _fit(demonstrations, None, **rhythm)
     except DemonstrationError:
         return ""
     plane = fit.residuals["plane"]
@@ -210,11 +216,13 @@ def curved_surface_remark(demonstrations: Sequence[Demonstration]) -> str:
 
 
 def _fit(
-    demonstrations: Sequence[Demonstration], shape: str | None
+    demonstrations: Sequence[Demonstration],
+    shape: str | None,
+    **rhythm: float | None,
 ) -> tuple[FittedSurface, list[_Contact]]:
     """Fit a surface to the contact of recordings."""
     points = [d.select(POSITION_CHANNELS).values for d in demonstrations]
-    contacts = [_contact(d) for d in demonstrations]
+    contacts = [_contact(d, **rhythm) for d in demonstrations]
     return fit_surface(points, [c.touching for c in contacts], shape=shape), contacts
 
 
@@ -246,22 +254,36 @@ def _touching(contact: _Contact, heights: Array) -> Mask:
     return touching
 
 
-def samples_in_bouts(path: Demonstration) -> Mask:
-    """Return which samples of a path are in bouts of its movement: all without a rhythm."""
+def samples_in_bouts(
+    path: Demonstration,
+    *,
+    start_time: float | None = None,
+    end_time: float | None = None,
+    period: float | None = None,
+) -> Mask:
+    """Return which samples of a path are in bouts of its movement.
+
+    The options are those of `find_rhythm`. Without a rhythm all samples between the times
+    are.
+    """
+    (part,) = cut_demonstrations([path], start_time, end_time, DEFAULT_RATE)
+    try:
+        rhythm = find_rhythm(
+            path, start_time=start_time, end_time=end_time, period=period
+        )
+    except DemonstrationError:
+        return np.isin(path.time, part.time)
     in_bout = np.zeros(len(path.time), dtype=bool)
     time = path.time - path.time[0]
-    try:
-        for bout in find_rhythm(path).bouts:
-            in_bout |= (time >= bout.start) & (time <= bout.end)
-    except DemonstrationError:
-        in_bout[:] = True
+    for bout in rhythm.bouts:
+        in_bout |= (time >= bout.start) & (time <= bout.end)
     return in_bout
 
 
-def _contact(demonstration: Demonstration) -> _Contact:
+def _contact(demonstration: Demonstration, **rhythm: float | None) -> _Contact:
     """Find where the tool touches, by the force and by the bouts of the movement."""
     path = demonstration.select(POSITION_CHANNELS)
-    in_bout = samples_in_bouts(path)
+    in_bout = samples_in_bouts(path, **rhythm)
     channels = set(demonstration.channels)
     forces = (FORCE_COMPONENTS, (FORCE_CHANNEL,))
     names = next((f for f in forces if set(f) <= channels), None)

@@ -295,8 +295,8 @@ def describe_page(scenario: Scenario, *, replay: bool = False) -> PanelFields:
     Examples
     --------
     >>> from fmp_drake.station import LoadScenario
-    >>> describe_page(LoadScenario("table_top"))["force_band"]
-    (5.0, 15.0)
+    >>> describe_page(LoadScenario("table_top"))["desired_force"]
+    10.0
     """
     show, force = scenario.show, scenario.press.force
     plans, has_board = not replay, scenario.has_board
@@ -312,10 +312,7 @@ def describe_page(scenario: Scenario, *, replay: bool = False) -> PanelFields:
     ]
     band: PanelFields = {}
     if has_board:
-        band["force_band"] = (
-            max(0.0, force - FORCE_TOLERANCE),
-            force + FORCE_TOLERANCE,
-        )
+        band = {"desired_force": force, "force_tolerance": FORCE_TOLERANCE}
     return {
         **band,
         "subtitle": scenario.description,

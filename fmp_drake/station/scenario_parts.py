@@ -306,8 +306,8 @@ class InkConfig:
     >>> scenario.check()
     """
 
-    cell: float = bounded(0.005, above=0)
-    period: float = bounded(0.05, least=0.001)
+    cell: float = bounded(0.005, above=0, most=0.05)
+    period: float = bounded(0.05, least=0.001, most=0.25)
     words: str = ""
     picture: str = ""
     size: float | None = bounded(None, above=0)

@@ -85,8 +85,8 @@ def MakeStation(
 
     - of the skill: desired_position, desired_velocity, desired_acceleration (3,) in B,
       covariance (9,), weights, component (1,), remaps (2,); phase (1,) of a phase model;
-      desired_orientation (4,), a quaternion w, x, y, z of R_TE, and desired_normal_force
-      (1,), N, of a skill with such channels;
+      desired_orientation (4,), a quaternion w, x, y, z of R_TE, of a skill with such
+      channels; desired_normal_force (1,), N, of the scenario, the page or such a channel;
     - of the arm: measured_position, measured_velocity (3,) in B (on a curved board the
       coordinates (u, v, h), and a velocity relative to the target); measured_pose (7,), a
       quaternion w, x, y, z and the position in T; tracking_error (6,); state (2n,); torque
@@ -213,6 +213,8 @@ def MakeStation(
     if playback is not None and scene.is_simulated:
         name = "wiping_station"
         force = _AddNominalMotion(builder, scenario, playback, controls)
+        if playback.roles.force is None:
+            builder.ExportOutput(force, "desired_normal_force")
         AddExternalForces(builder, scene, pull=pull)
         builder.ExportOutput(arm.GetOutputPort("torque_measured"), "actuation")
         state = scene.plant.get_state_output_port(scene.robot.arm)

@@ -306,7 +306,7 @@ class TestDemonstrations:
     def test_none_or_unlike_recordings_are_an_error(self, draw, shown):
         with pytest.raises(RunError, match="no demonstration"):
             draw([])
-        with pytest.raises(RunError, match="demonstration 1 has the channels"):
+        with pytest.raises(RunError, match="demonstration 2 has the channels"):
             draw([shown[2], shown[3]])
 
 

@@ -61,7 +61,7 @@ WRONG = {
     "two kinds": (lambda: fit([recording(), CIRCLES]), r"fit needs a Demonstration"),
     "other channels": (
         lambda: fit([recording(), recording(values=CIRCLES[:, :2])]),
-        r"demonstration 1 has the channels x, y; the first has x, y, z",
+        r"demonstration 2 has the channels x, y; the first has x, y, z",
     ),
     "words": (lambda: fit(np.array([["a"]] * 50), rate=20), "as real numbers"),
     "complex": (lambda: fit(1j * CIRCLES, rate=20), "as real numbers"),
@@ -105,7 +105,7 @@ WRONG = {
     "rhythm of nothing": (lambda: find_rhythm([]), "there is no demonstration"),
     "rhythm of other channels": (
         lambda: find_rhythm([recording(), recording(values=CIRCLES[:, :2])]),
-        r"demonstration 1 has the channels x, y; the first has x, y, z",
+        r"demonstration 2 has the channels x, y; the first has x, y, z",
     ),
     "learned arrays": (lambda: learn_skill([CIRCLES]), "learn_skill needs a Demo"),
     "learned nothing": (lambda: learn_skill([]), "there is no demonstration"),

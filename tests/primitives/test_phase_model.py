@@ -656,7 +656,7 @@ def test_a_file_whose_predictions_have_no_width_is_refused(small, tmp_path):
         arrays = dict(file)
     arrays["calibration_factors"][0] = 0.0
     np.savez(tmp_path / "s.npz", **arrays)
-    with pytest.raises(SkillFileError, match="no covariances"):
+    with pytest.raises(SkillFileError, match="horizons of its calibration"):
         load_skill(tmp_path / "s.npz")
 
 

@@ -97,7 +97,7 @@ def test_part_of_windows_is_refused():
 def test_different_channels_are_refused():
     other = counting(50, channels=("x", "z"))
     with pytest.raises(
-        DemonstrationError, match="demonstration 1 has the channels x, z"
+        DemonstrationError, match="demonstration 2 has the channels x, z"
     ):
         as_windows([counting(50), other], n_steps=8, stride=1, rate=20.0)
 

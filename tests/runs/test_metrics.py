@@ -34,6 +34,7 @@ LIMITS = JointLimits.between(
 )
 PERIODS = {
     "normal_force": (1, 0.01),
+    "desired_normal_force": (1, 0.01),
     "desired_position": (3, 0.005),
     "desired_velocity": (3, 0.005),
     "measured_position": (3, 0.005),
@@ -68,6 +69,7 @@ def samples():
     for name, (size, period) in PERIODS.items():
         times = period * np.arange(round(7.3 / period) + 1)
         signals[name] = Samples(times, rng.normal(size=(len(times), size)))
+    signals["desired_normal_force"].values[:] = 10
     force = signals["normal_force"]
     force.values[:] = 10 + 3 * force.values
     force.values[force.times < 2.15] = 0.0
@@ -208,7 +210,7 @@ def test_orientation_errors_are_those_of_the_rotation_alone():
     [
         ({}, ()),
         ({"rotation": (3, 4, 5)}, ("tracking_error",)),
-        ({"force": 3}, ("desired_normal_force",)),
+        ({"force": 3}, ()),
     ],
 )
 def test_signals_follow_from_the_roles_of_the_channels(roles, extra):
@@ -298,7 +300,7 @@ def test_error_of_a_changing_force_counts_from_a_second_after_the_first_contact(
     force, desired = np.zeros((501, 1)), np.full((501, 1), 10.0)
     force[times >= 0.995] = 3.0  # It lands, and rises.
     force[times >= 1.995] = 12.0
-    metrics = ForceMetrics(10.0)
+    metrics = ForceMetrics(10.0, has_channel=True)
     signals = {
         "normal_force": Samples(times, force),
         "desired_normal_force": Samples(times, desired),
@@ -309,6 +311,22 @@ def test_error_of_a_changing_force_counts_from_a_second_after_the_first_contact(
         if end < 1.9:
             assert "normal_force_error_rms_n" not in metrics.result()
     assert metrics.result()["normal_force_error_rms_n"] == pytest.approx(2.0)
+
+
+def test_force_is_compared_with_what_is_desired_at_that_time():
+    times = 0.01 * np.arange(400)
+    desired = np.where(times < 2, 10.0, 2.0)[:, None]
+    metrics = ForceMetrics(10.0)
+    metrics.update(
+        {
+            "normal_force": Samples(times, desired + 0.1),
+            "desired_normal_force": Samples(times, desired),
+        }
+    )
+    found = metrics.result()
+    assert found["normal_force_wanted_fraction"] == 1
+    assert found["normal_force_precise_fraction"] == 1
+    assert "normal_force_error_rms_n" not in found
 
 
 def test_every_signal_of_the_metrics_is_tested():

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from pydrake.common.yaml import yaml_load_typed
 
+from fmp_drake.apps.page import open_page
 from fmp_drake.errors import RunError
 from fmp_drake.runs import RunLog, WipingRun
 from fmp_drake.runs.log import SIGNALS
@@ -116,3 +117,21 @@ def test_cells_of_the_demonstrated_area_are_cleaned_one_after_the_other(
         [0.0, 0.0, 0.5, 1.0 - 1.0 / area.sum()],
         atol=1.1 / area.sum(),
     )
+
+
+def test_force_is_compared_with_what_the_page_asks_for(wiping_skill):
+    panel = open_page(None)
+    run = WipingRun(
+        LoadScenario("table_top"),
+        wiping_skill,
+        meshcat=panel.meshcat,
+        panel=panel,
+        keep=["normal_force", "desired_normal_force"],
+    )
+    run.simulator.Initialize()
+    panel.meshcat.SetSliderValue("press force (N)", 3.0)
+    run.advance_to(4.0)
+    assert run.desired_force()[-1] == panel.shown["desired_force"] == 3
+    assert run.log("normal_force")[-100:].mean() == pytest.approx(3, abs=1)
+    assert run.metrics()["normal_force_wanted_fraction"] > 0.98
+    panel.close()

@@ -110,6 +110,26 @@ def test_path_that_is_too_large_is_scaled_down():
     assert placement.touch == pytest.approx(0.01 * placement.scale)
 
 
+def test_only_the_part_that_is_learned_is_placed():
+    """A movement of another size beside it neither scales nor moves it."""
+    time = np.arange(0, 40, 0.02)
+    radius, middle = np.where(time < 20, [[0.1], [0.0]], [[0.4], [1.0]])
+    path = np.column_stack(
+        [
+            radius * np.cos(4 * time) + middle,
+            radius * np.sin(4 * time),
+            np.zeros(len(time)),
+        ]
+    )
+    recording = demonstration(path)
+    placement = fit_placement(recording, usable=USABLE, start_time=1.0, end_time=18.0)
+    assert placement.scale == 1
+    placed = placement.apply(recording).values[(time > 2) & (time < 17)]
+    assert_allclose((placed.min(axis=0) + placed.max(axis=0)) / 2, 0, atol=0.002)
+    with pytest.raises(DemonstrationError, match="no two samples from 50 s"):
+        fit_placement(recording, usable=USABLE, start_time=50.0)
+
+
 def test_apply_is_the_documented_similarity():
     r = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix()
     placement = Placement(rotation=r, translation=np.array([0.1, 0.2, 0.3]), scale=0.5)

@@ -196,13 +196,23 @@ def test_large_path_is_scaled_with_its_radius():
     scenario.check()
 
 
+def test_only_the_bouts_of_the_given_part_are_placed():
+    recording, *_ = posed("cylinder")
+    (placed,), _ = place_on_fitted_surface(
+        [recording], scenario=Scenario(), start_time=8.0, end_time=16.0
+    )
+    assert placed.time[0] >= 7.95
+    assert placed.time[-1] <= 16.05
+    assert placed.duration > 6
+
+
 def test_missing_channels_and_forces_are_refused():
     recording, *_ = posed("plane")
     position = recording.select(["x", "y", "z"])
     for extra, message in (
         ("orientation", "an orientation needs a quaternion"),
         ("force", "a force needs the channel force"),
-        ("torque", "choose of: orientation, force"),
+        ("torque", "choose from: orientation, force"),
     ):
         with pytest.raises(DemonstrationError, match=message):
             place_on_fitted_surface([position], scenario=Scenario(), extra=[extra])

@@ -325,7 +325,7 @@ velocity="1"/></joint></robot>"""
             "a joint of own.urdf mimics another one",
         ),
         ({"</robot>": ""}, {}, r"own\.urdf cannot be read: .*XML"),
-        ({}, {"flange": "tool0"}, r"flange names tool0, .* choose of: ur5e_flange, "),
+        ({}, {"flange": "tool0"}, r"flange names tool0, .* choose from: ur5e_flange, "),
         ({}, {"base": "base_link"}, "base names base_link, which own.urdf does not"),
         ({}, {"contact_free": [["hand"]]}, "contact_free names hand, .* tool, ur5e"),
         ({"</robot>": FINGER.format("prismatic")}, {}, "grip .* revolute joints only"),

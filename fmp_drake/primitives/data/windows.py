@@ -122,7 +122,7 @@ def sliding_windows(values: Array, *, n_steps: int, stride: int) -> Array:
 def _check_compatible(demonstrations: Sequence[Demonstration]) -> None:
     """Raise where demonstrations differ in channels, units or rotation reference."""
     first = demonstrations[0]
-    for number, demonstration in enumerate(demonstrations):
+    for number, demonstration in enumerate(demonstrations, 1):
         for what in ("channels", "units", "rotation_reference"):
             actual, expected = (
                 ", ".join(map(str, getattr(d, what) or ["none"]))
@@ -207,13 +207,14 @@ def cut_demonstrations(
     first = 0.0 if start_time is None else float(start_time)
     last = np.inf if end_time is None else float(end_time)
     out = []
-    for number, recording in enumerate(recordings):
+    for number, recording in enumerate(recordings, 1):
         time = recording.time - recording.time[0]
         is_inside = (time >= first - 1e-9) & (time <= last + 1e-9)
         if np.count_nonzero(is_inside) < 2:
+            until = "" if end_time is None else f" to {last:g} s"
             raise DemonstrationError(
                 f"demonstration {number} lasts {time[-1]:.3g} s; it has no two samples "
-                f"from {first:g} to {last:g} s."
+                f"from {first:g} s{until}."
             )
         out.append(recording.rows(is_inside))
     return out

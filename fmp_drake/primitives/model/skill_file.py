@@ -271,7 +271,9 @@ def _calibration(arrays: Mapping[str, Any], channels: int) -> Calibration | None
             if not shape:
                 values[attribute] = float(values[attribute])
     if not (horizons.size and np.all(np.diff(horizons) > 0) and np.all(factors > 0)):
-        raise SkillFileError("its predictions have no covariances")
+        raise SkillFileError(
+            "the horizons of its calibration must increase, and the factors be positive"
+        )
     calibration = Calibration(**values)
     if not (
         0 <= calibration.model_weight <= 1

@@ -302,7 +302,7 @@ def _CheckModel(
     for field_name, name, names in named:
         if name not in names:
             raise StationError(
-                f"{field_name} names {name}, which {model} does not have; choose of: "
+                f"{field_name} names {name}, which {model} does not have; choose from: "
                 f"{', '.join(sorted(names))}."
             )
     joints = [plant.get_joint(i) for i in plant.GetJointIndices(arm)]

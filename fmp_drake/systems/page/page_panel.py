@@ -95,8 +95,10 @@ class PanelFields(TypedDict, total=False):
         Fraction, from 0 to 1.
     force : float
         On the board, N.
-    force_band : tuple of 2 floats
-        Tolerated range of the force, N.
+    desired_force : float
+        N.
+    force_tolerance : float
+        Tolerated difference of the force, N.
     component : str
         The active component.
     component_color : str
@@ -135,7 +137,8 @@ class PanelFields(TypedDict, total=False):
     time: float
     cleaned: float
     force: float
-    force_band: tuple[float, float]
+    desired_force: float
+    force_tolerance: float
     component: str
     component_color: str
     legend: list[LegendEntry]
