@@ -310,8 +310,11 @@ def calibrate_playback(
     last = int(np.flatnonzero(count)[-1])
     # Few parts underestimate the errors: to first order by two over their number.
     covariances = (covariances.T * (1 + 2 / np.maximum(count, 1))).T
-    growth = np.trace(calibration.error_covariances, axis1=1, axis2=2)[last:]
-    covariances[last:] = np.multiply.outer(growth / growth[0], covariances[last])
+    # Farther ahead than the parts reach, the errors increase by as much as those of replay.
+    # These begin near 0, so their ratio would be the growth of much greater errors.
+    replayed = np.trace(calibration.error_covariances, axis1=1, axis2=2)[last:]
+    growth = 1 + np.maximum(replayed - replayed[0], 0) / np.trace(covariances[last])
+    covariances[last:] = np.multiply.outer(growth, covariances[last])
     covariances = _less_dependent(covariances, float(count.max()))
     return replace(calibration, playback_covariances=covariances)
 
