@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
@@ -154,9 +155,7 @@ def _percent(values: Array) -> str:
     return f"{100 * values.min():.0f} to {100 * values.max():.0f} %"
 
 
-def describe_recording(
-    demonstration: Demonstration, **options: float | None
-) -> list[str]:
+def describe_recording(demonstration: Demonstration, **options: Any) -> list[str]:
     """Return four lines: channels, rate, cycles, and whether learning is possible.
 
     The options start_time, end_time and period are those of `find_rhythm`.
@@ -231,7 +230,7 @@ def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> s
     return f"possible, from {len(windows.values)} windows of {seconds:g} s"
 
 
-def _placing_in_words(demonstration: Demonstration, **rhythm: float | None) -> str:
+def _placing_in_words(demonstration: Demonstration, **rhythm: Any) -> str:
     """Return whether the path of a recording fits the board, after a semicolon."""
     try:
         _, remarks = place_on_board(demonstration, scenario=Scenario(), **rhythm)

@@ -23,6 +23,7 @@ from fmp_drake.primitives.data.channels import (
     channel_scales,
 )
 from fmp_drake.primitives.data.windows import demonstration_list
+from fmp_drake.primitives.model.mapping import LruCache
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.skills.placement import load_on_board
 from fmp_drake.station import Scenario, models_dir
@@ -34,8 +35,9 @@ _FORCE_BAND = 4.0
 # Factor by which deviations of other channels than the position are reduced. With less, the
 # rise of the force after landing ends a bout, and whole cycles are not learned.
 _LESS_EXACT = 8.0
-# Skills by all settings that they depend on.
-_LEARNED: dict[str, tuple[FourierMovementPrimitive, list[Demonstration]]] = {}
+# Placed demonstrations; and skills, which have up to 40 MB each, by all that they depend on.
+_PLACED = LruCache[list[Demonstration]](64)
+_LEARNED = LruCache[tuple[FourierMovementPrimitive, list[Demonstration]]](8)
 
 
 def bundled_demonstrations() -> list[str]:
@@ -120,15 +122,23 @@ def scenario_skill(
 def shared_skill(
     scenario: Scenario,
 ) -> tuple[FourierMovementPrimitive, list[Demonstration]]:
-    """Return the skill of a scenario and its demonstrations, learned once per process."""
-    config = scenario.skill
-    learned = (config.demonstration, config.file, config.window, config.n_components)
-    place = (scenario.robot, scenario.board.size, scenario.eraser.footprint)
-    key = repr((*learned, config.model, *place))
-    if key not in _LEARNED:
-        skill, demonstrations, _ = scenario_skill(scenario)
-        _LEARNED[key] = skill, demonstrations
-    return _LEARNED[key]
+    """Return the skill of a scenario and its demonstrations, which are learned once.
+
+    Robot and board count only where the placed demonstrations depend on them.
+    """
+    config, recordings = scenario.skill, list[Demonstration]()
+    if not config.file:
+        source = default_demonstration(config.demonstration)
+        place = (scenario.robot, *scenario.board.size, *scenario.eraser.footprint)
+        recordings = _PLACED.get(
+            (source, *place),
+            lambda: load_on_board(
+                [source], scenario=scenario, transform=None, stretch=1.0
+            )[0],
+        )
+    content = [(d.channels, d.time.tobytes(), d.values.tobytes()) for d in recordings]
+    settings = (config.file, config.window, config.n_components, config.model)
+    return _LEARNED.get((*settings, *content), lambda: scenario_skill(scenario)[:2])
 
 
 def learn_skill(

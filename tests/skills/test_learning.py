@@ -60,6 +60,16 @@ def test_a_shared_skill_is_learned_once_for_each_robot(tmp_path):
     )
 
 
+def test_a_demonstration_on_the_board_is_learned_once_for_all_boards_and_robots():
+    scenario, other = Scenario(), Scenario(robot="iiwa14")
+    for each in (scenario, other):
+        each.skill.demonstration = "polishing"
+    other.board.size = [0.5, 0.4]
+    assert shared_skill(scenario)[0] is shared_skill(other)[0]
+    other.skill.window = 5.0
+    assert shared_skill(scenario)[0] is not shared_skill(other)[0]
+
+
 def test_channels_that_the_board_does_not_need_are_left_out_and_named():
     demonstration = Demonstration(
         time=TIME,
