@@ -118,9 +118,11 @@ def test_skill_that_is_too_fast_can_be_slowed_down_on_the_page(command, watched)
     watched(1, clicks=[None])
     result = command("wipe", "--target-realtime-rate", 0, "--tempo", 2.0)
     assert result.code == 2
-    tempo = re.search(r"slow down to tempo ([\d.]+)", result.err)[1]
+    tempo = re.search(r"slow down to tempo (\d\.\d+)", result.err)[1]
     watched(1, clicks=[f"set tempo to {tempo}"])
     result = command("wipe", "--target-realtime-rate", 0, "--tempo", 2.0)
     assert result.code == 0
-    assert "The arm can follow this skill" in result.out
-    assert "cannot follow" not in result.out
+    before, after = result.out.split(f"\nset tempo to {tempo}\n")
+    assert f"{tempo}. Choose on the page; Enter ends it." in before
+    assert "The arm can follow this skill" in after
+    assert "cannot follow" not in after

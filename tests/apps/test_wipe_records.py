@@ -24,8 +24,8 @@ from fmp_drake.station.scenario_parts import ShowConfig
 
 SHORT = ("--headless", "--duration", 0.1)
 PARTS = list(vars(ShowConfig()))
-# Signals that only skills with orientation or force have.
-OF_POSES_AND_FORCES = {"measured_pose", "desired_orientation", "desired_normal_force"}
+# Signals that only skills with an orientation have.
+OF_POSES = {"measured_pose", "desired_orientation"}
 
 
 @pytest.fixture
@@ -236,7 +236,7 @@ def test_log_has_all_signals_and_the_metrics(command, runs, outputs, write):
     assert result.code == 0, result
     assert f"wrote {path}" in result.out
     log = RunLog.load(path)
-    assert set(log.signals) == set(SIGNALS) - OF_POSES_AND_FORCES
+    assert set(log.signals) == set(SIGNALS) - OF_POSES
     (run,) = runs
     for name in ("ink", "erase_time"):
         assert log[name].values.shape == (1, run.grid.num_cells)
@@ -259,7 +259,7 @@ def test_run_keeps_only_the_signals_of_its_files(command, runs, outputs):
     wiped(command)
     wiped(command, "--plot", outputs / "run.png")
     assert runs[0].kept == set()
-    assert runs[1].kept == set(RUN_PAGE_SIGNALS) - {"disturbance"} - OF_POSES_AND_FORCES
+    assert runs[1].kept == set(RUN_PAGE_SIGNALS) - {"disturbance"} - OF_POSES
     with pytest.raises(RunError, match=r"the signal state was not kept; .*keeps none"):
         runs[0].log("state")
 

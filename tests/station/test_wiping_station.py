@@ -46,6 +46,7 @@ PORTS = {
     "ink": 14000,
     "cleaned_fraction": 1,
     "normal_force": 1,
+    "desired_normal_force": 1,
     "contact_area": 1,
     "penetration": 1,
 }
