@@ -25,7 +25,9 @@ class BenchmarkOptions:
         "been run.",
         flags=["--method"],
     )
-    quick: bool = option(False, "Score fewer predictions of each split.")
+    quick: bool = option(
+        False, "Score fewer predictions of each split, or clean for 5 s with two seeds."
+    )
     jobs: int = option(1, "Number of processes on this machine.", least=1)
     clean: Path | None = option(
         None,
@@ -45,8 +47,8 @@ def benchmark(folder: Path, to: BenchmarkOptions) -> None:
     """Compare methods on the recordings in FOLDER: prediction and playback.
 
     Methods learn from 1.5, 2, 3, 4 and 8 cycles and from all but a held-out part of each
-    movement. With --clean they also drive the station for a minute, with five seeds.
-    Writes one JSON file for each method, and report.html. An installed package
+    movement. With --clean they drive the station instead, for a minute with five seeds,
+    and FOLDER is not read. Writes one JSON file for each method, and report.html. An installed package
     adds a method by an entry point of the group fmp_drake.methods.
     """
     console = make_console()

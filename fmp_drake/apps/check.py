@@ -47,7 +47,7 @@ def check(
     """Check whether the arm can follow a skill on a board, and what would help."""
     console = make_console()
     plot, report, arm = checks.plot, checks.report, checks.arm
-    check_writable(report)
+    check_writable(report, "a report", [".json"])
     check_picture(plot)
     scenario = scene.load()
     skill, _, remarks = scenario_skill(

@@ -18,6 +18,7 @@ from fmp_drake.apps.options import (
     option,
 )
 from fmp_drake.apps.page import make_console, print_next
+from fmp_drake.errors import FmpError
 from fmp_drake.plots import plot_skill
 from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives import FourierMovementPrimitive, save_skill
@@ -78,7 +79,13 @@ def learn(
 ) -> None:
     """Learn a skill from DEMONSTRATIONS (tables, bags ...) and write it to a file."""
     console = make_console()
-    check_writable(skill.out)
+    check_writable(skill.out, "a skill", [".npz"])
+    if skill.out.resolve() in {path.resolve() for path in demonstrations}:
+        raise FmpError(f"{skill.out} is the recording; give the skill its own file.")
+    if skill.as_recorded and (learning.transform or learning.surface or learning.extra):
+        raise FmpError(
+            "--as-recorded places nothing; leave out --transform, --surface and --extra."
+        )
     check_picture(skill.plot)
     check_writable(skill.board)
     scenario = Scenario()
@@ -86,7 +93,11 @@ def learn(
         is_file = Path(skill.robot).is_file()
         scenario.robot = str(Path(skill.robot).resolve()) if is_file else skill.robot
         scenario.check()
-    part: dict[str, Any] = vars(rhythm)
+    # Its times are those of the recording.
+    part: dict[str, Any] = {
+        name: None if value is None else learning.stretch * value
+        for name, value in vars(rhythm).items()
+    }
     if skill.as_recorded:
         recordings, remarks = load_as_recorded(
             demonstrations, stretch=learning.stretch, reading=recording.reading()
@@ -104,7 +115,7 @@ def learn(
             **part,
         )
         if learning.surface is not None:  # They are the bouts of that part.
-            part = {"period": rhythm.period}
+            part = {"period": part["period"]}
     for remark in remarks:
         console.print(remark, soft_wrap=True)
     start = time.perf_counter()

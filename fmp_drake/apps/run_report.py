@@ -44,8 +44,8 @@ class RunFiles:
 
     def check(self, *, of_arm: bool) -> None:
         """Check before a run that the files can be written."""
-        for path in (self.html, self.report):
-            check_writable(path)
+        check_writable(self.html, "a page", [".html"])
+        check_writable(self.report, "a report", [".json"])
         check_picture(self.plot)
         check_film(
             self.video,
@@ -169,7 +169,7 @@ def _board_rows(m: Mapping[str, Any]) -> dict[str, str]:
         if m[f"seconds_to_{percent}_percent"] is not None
     ]
     spots = count_text(m["missed_spots"], "spot")
-    remainder = f"{spots} of {m['missed_area_cm2']:.0f} cm² left"
+    remainder = f"{m['missed_area_cm2']:.0f} cm² left in {spots}"
     return {
         "cleaned": f"{100 * m['cleaned_fraction']:.1f} % of the board, "
         f"{100 * m['cleaned_fraction_of_demonstrated_area']:.1f} % of the "

@@ -80,8 +80,8 @@ def worlds(
     report is written again, or one trial is run again.
     """
     console = make_console()
-    for path in (output.parquet, one.html):
-        check_writable(path)
+    check_writable(output.parquet)
+    check_writable(one.html, "a page", [".html"])
     check_writable(output.markdown, "Markdown", [".md"])
     check_film(one.video)
     if output.parquet is not None:

@@ -125,7 +125,8 @@ def _about_playing(skill: FourierMovementPrimitive) -> str:
     """Return extent, period and greatest speed of a playback of the means."""
     player = Player(skill)
     start = skill.paths_[0][-1] if skill.paths_ else skill.extent_.mean(axis=0)
-    motion = player.rollout(start, 2 * _SECONDS)[round(_SECONDS * skill.rate) :]
+    seconds = _SECONDS if skill.phase_model_ is None else max(_SECONDS, skill.period_)
+    motion = player.rollout(start, 2 * seconds)[round(seconds * skill.rate) :]
     covers = ", ".join(
         f"{name} {_rounded(low)} to {_rounded(high)} {unit}"
         for name, unit, low, high in zip(

@@ -243,7 +243,7 @@ def load_on_board(
         recordings, notes = load_as_recorded([path], stretch=stretch, reading=reading)
         remarks += notes
         fits_board = transform is not None or all(map(_is_placed, recordings))
-        curved = "" if fits_board else _curved_surface(path, reading, **rhythm)
+        curved = "" if fits_board else _curved_surface(path, stretch, reading, **rhythm)
         for demonstration in recordings:
             try:
                 demonstration, notes = place_on_board(
@@ -269,12 +269,12 @@ def _is_placed(demonstration: Demonstration) -> bool:
 
 
 def _curved_surface(
-    path: Path, reading: ReadingOptions | None, **rhythm: float | None
+    path: Path, stretch: float, reading: ReadingOptions | None, **rhythm: float | None
 ) -> str:
     """Return a remark where a recording, with its forces, is of a curved surface."""
     reading = replace(reading or ReadingOptions(), all_arrays=True)
     try:
-        recordings, _ = read_demonstrations([path], reading)
+        recordings, _ = load_as_recorded([path], stretch=stretch, reading=reading)
     except (DemonstrationError, SkillFileError):
         return ""
     return curved_surface_remark(recordings, **rhythm)

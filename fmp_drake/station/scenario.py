@@ -162,6 +162,10 @@ class Scenario:
                 f"simulator.integration_scheme is {self.simulator.integration_scheme}; "
                 f"choose one of: {', '.join(GetIntegrationSchemes())}."
             )
+        for name in ("accuracy", "max_step_size"):
+            value = getattr(self.simulator, name)
+            if not 0 < value < math.inf:
+                return f"simulator.{name} is {value:g}; expected a positive number."
         step = self.plant.time_step
         if step != 0 and not _SHORTEST_STEP <= step < math.inf:
             return (

@@ -335,13 +335,13 @@ class FourierPrimitiveSystem(LeafSystem):
             is_pushed = ratio > 1 and not is_missing
             pushed_since = min(pushed_since, time) if is_pushed else math.inf
             if ratio < 0.5:
-                state = replace(state, blend_time=player.blend_time)
+                state = replace(state, blend_time=player.blend_time_at(state.tempo))
             tempo *= min(max(2 - 2 * ratio, 0.0), 1.0)
             if time - missing_since > _MEASUREMENT_EXPIRY - 1e-6:
                 tempo = 0.0
             if time - pushed_since > self._push_dwell - 1e-6:
                 state = player.remap(state, observed=measurements)
-                blend_time = min(_PUSHED_BLEND_TIME, player.blend_time)
+                blend_time = min(_PUSHED_BLEND_TIME, state.blend_time)
                 state = replace(state, blend_time=blend_time)
                 pushed_since, reactive = math.inf, reactive + 1
         if state.remaps != before.remaps:
@@ -409,6 +409,12 @@ class FourierPrimitiveSystem(LeafSystem):
         cached: Any = eval_cache(self, self._segments, context)
         last_event, segments = cached
         elapsed = context.get_time() - last_event
+        if (
+            not -1e-6 <= elapsed <= self._player.tick_seconds + 1e-6
+        ):  # There was no event.
+            motion = self._player.motion(self.playback_state(context))
+            output.SetFromVector(motion.ravel())
+            return
         begin, segment = segments[0]
         for later, candidate in segments[1:]:
             if later < elapsed:

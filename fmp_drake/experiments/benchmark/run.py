@@ -30,6 +30,7 @@ from fmp_drake.experiments.benchmark.splits import (
 )
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives.data.files import write_text
+from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.processes import Workers, run_tasks
 
 Progress = Callable[[str], None]
@@ -122,8 +123,8 @@ def run_benchmark(
     movements = load_movements(folder, progress)
     for movement in movements:
         progress(
-            f"{movement.name}: {movement.cycles:.1f} cycles in {len(movement.parts)} "
-            "parts"
+            f"{movement.name}: {movement.cycles:.1f} cycles in "
+            f"{count_text(len(movement.parts), 'part')}"
         )
     score = partial(score_method, instants=instants)
     parts = [partial(score, movement=movement) for movement in movements]

@@ -123,9 +123,9 @@ class TrialStore:
             os.close(lock)
 
     def key(self, trial: Trial) -> str:
-        """Return the key of a row: a hash of scenario, simulated time and code."""
+        """Return the key of a row: a hash of number, scenario, simulated time and code."""
         duration = float(self.plan["duration"])
-        parts = (trial.scenario, duration.hex(), trial.code)
+        parts = (str(trial.number), trial.scenario, duration.hex(), trial.code)
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
     def add(self, trial: Trial) -> None:

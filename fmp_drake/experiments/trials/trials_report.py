@@ -34,6 +34,7 @@ from fmp_drake.plots.style import (
     legend_above,
     set_title,
 )
+from fmp_drake.primitives.data.reading.table import count_text
 
 # Kinds of faults that must never occur, and all kinds, with their titles.
 _NEVER = {
@@ -131,7 +132,7 @@ class TrialsReport:
             if counts[kind]
         ]
         return (
-            f"Of {len(self._trials)} trials, drawn with seed {self._plan['seed']}, the "
+            f"Of {count_text(len(self._trials), 'trial')}, drawn with seed {self._plan['seed']}, the "
             f"feasibility check refuses {len(self._refused)}. Of the {n} others {passed} "
             f"passed ({_percent(passed, n)}), {', '.join(violations) or _NO_VIOLATION}. "
             f"The runs took {self._cpu_seconds / 3600:.2f} hours of one core, at a rate of "

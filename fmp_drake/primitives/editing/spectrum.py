@@ -269,6 +269,8 @@ def modulate_windows(
     y = as_floats(windows, "the windows", ("...", "T", "D"))
     n = y.shape[-2]
     index = channel_indices(channels, [f"c{i}" for i in range(y.shape[-1])])
+    for k in harmonics:
+        check_number(k, "a harmonic", whole=True)
     numbers = sorted({int(k) for k in harmonics})
     if not numbers or numbers[0] < 0 or numbers[-1] > n // 2:
         raise SkillError(

@@ -50,8 +50,10 @@ def scale_tempo(
     """
     check_skill(skill, "scale_tempo(skill)")
     check_number(factor, "factor", above=0.0)
+    rate = float(skill.rate * factor)
+    check_number(rate, "the rate", least=1e-6, most=1e6, unit="Hz")
     parameters = {
-        "rate": float(skill.rate * factor),
+        "rate": rate,
         "n_steps": skill.n_steps,
         "window": None,
         "overlap": skill.overlap,

@@ -49,6 +49,17 @@ class Motion(np.ndarray[tuple[Any, ...], np.dtype[np.float64]]):
         """Keep the times in copies."""
         self.time = getattr(array, "time", None)
 
+    def __reduce__(self) -> Any:
+        """Keep the times in a pickle."""
+        reduced: Any = super().__reduce__()
+        make, arguments, state = reduced
+        return make, arguments, (*state, self.time)
+
+    def __setstate__(self, state: Any) -> None:
+        """Restore the array and the times of a pickle."""
+        *array, self.time = state
+        super().__setstate__(tuple(array))
+
     @property
     def position(self) -> Array:
         """The value of each channel, shape (..., D)."""

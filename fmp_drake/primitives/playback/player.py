@@ -40,6 +40,9 @@ type Score = Callable[[Array], Array]
 _PUSH_TOLERANCE = 0.05
 # Variance of the force at a start, as a factor of that of the movement.
 _FORCE_VARIANCE = 1e6
+# Least time between two re-mappings in time constants of the offset. Circles of 0.5 to 2.5 s at
+# tempos of 1 to 8 keep their size with 4, and grow up to fifteenfold with 2 or 3.
+_BLENDS = 5.0
 # Rounding error of a time, as a fraction of a tick.
 _ROUNDING = 1e-6
 # Largest factor on the distance of a sample from the mean, or, with a phase model, from
@@ -93,7 +96,9 @@ class Player:
     seed : int
         Seed of the samples.
     blend_time : float
-        Time constant of the offset's decay, s.
+        Time constant of the offset's decay, s; at most a fifth of the time between two
+        re-mappings. With a longer one, the offset that is left at a re-mapping, which is
+        mapped with the history, grows from one to the next.
     confidence : float
         Fraction of a component's samples inside the ellipsoid that bounds mapped
         weights, in (0, 1]; 1 is no bound.
@@ -161,6 +166,7 @@ class Player:
             most_ticks = max(1, most_ticks - closing_samples(skill.n_steps))
         ticks = most_ticks if remap_ticks is None else remap_ticks
         check_number(ticks, "remap_ticks", least=1, most=most_ticks, whole=True)
+        self._longest_blend = most_ticks * self.tick_seconds / _BLENDS
         self.ticks_between_remaps = int(ticks)
         if target is not None:
             if sample:
@@ -212,7 +218,7 @@ class Player:
             step=self.skill.overlap - 1,
             history=np.tile(y, (self.skill.overlap, 1)),
             offset=np.zeros((2, len(y))),
-            blend_time=self.blend_time,
+            blend_time=self.blend_time_at(tempo),
             tempo=tempo,
             sample=self.sample,
             seed=self.seed if seed is None else seed,
@@ -232,13 +238,19 @@ class Player:
             seconds -= wait
         if seconds <= _ROUNDING * self.tick_seconds:
             return state
-        tempo = max(state.tempo + state.tempo_rate * seconds, 0.0)
+        tempo, moving = state.tempo + state.tempo_rate * seconds, seconds
+        if tempo < 0:  # It stops before.
+            tempo, moving = 0.0, -state.tempo / state.tempo_rate
         return replace(
             state,
             offset=decayed_offset(state.offset, state.blend_time, seconds)[:2],
-            time_since_tick=state.time_since_tick + (state.tempo + tempo) / 2 * seconds,
+            time_since_tick=state.time_since_tick + (state.tempo + tempo) / 2 * moving,
             tempo=tempo,
         )
+
+    def blend_time_at(self, tempo: float) -> float:
+        """Return the time constant of the offset's decay at a tempo, s."""
+        return min(self.blend_time, self._longest_blend / max(tempo, 1.0))
 
     def remap(
         self, state: PlaybackState, *, observed: ArrayLike | None = None
@@ -263,6 +275,7 @@ class Player:
             step=self.skill.overlap - 1,
             time_since_tick=0.0,
             remaps=state.remaps + 1,
+            blend_time=min(state.blend_time, self.blend_time_at(state.tempo)),
         )
         return self._entered(state, plan, values.ravel(), motion)
 

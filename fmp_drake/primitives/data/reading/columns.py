@@ -145,7 +145,8 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     if len(rows) == 0:
         raise DemonstrationError(f"there is no number in {', '.join(channels)}.")
     if len(rows) < len(values):
-        remarks.append(f"{len(values) - len(rows)} rows without a value left out")
+        count = count_text(len(values) - len(rows), "row")
+        remarks.append(f"{count} without a value left out")
     time, order = ordered_times(stamp, rows, values[rows], options, remarks)
     values = values[rows[order]]
     complete = _complete_rows(values, channels, remarks)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.numeric import Array, Indices, Mask, runs
+from fmp_drake.numeric import Array, Indices, Mask, check_number, runs
 from fmp_drake.primitives.data.channels import (
     channel_scales,
     default_channels,
@@ -172,6 +172,9 @@ def find_rhythm(
     ['14.3 cycles of 2.09 s']
     """
     demonstrations = demonstration_list(demonstrations, "find_rhythm")
+    if period is not None:
+        least = 8 / DEFAULT_RATE
+        check_number(period, "period", least=least, unit="s", error=DemonstrationError)
     cut = cut_demonstrations(demonstrations, start_time, end_time, DEFAULT_RATE)
     windows = as_windows(cut, n_steps=1, stride=1, rate=DEFAULT_RATE, at_least=0)
     recordings, units = windows.recordings(), cut[0].units
