@@ -315,10 +315,12 @@ class FourierPrimitiveSystem(LeafSystem):
         """Advance the playback to now, read the inputs, store it."""
         player, time = self._player, context.get_time()
         before = self._read(context)
-        state = player.advance(before, time - self._last_event(context))
-        _, begin, pushed_since, reactive, missing_since = (
+        last_event, begin, pushed_since, reactive, missing_since = (
             context.get_discrete_state().value(self._events).tolist()
         )
+        if time == last_event:  # A Simulator of a cloned Context triggers it once more.
+            return EventStatus.DidNothing()
+        state = player.advance(before, time - self._last_event(context))
         measurements = context.get_discrete_state().value(self._measurements)
         measurements = measurements.reshape(state.history.shape)
         tempo = self._tempo_input(context)

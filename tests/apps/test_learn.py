@@ -69,6 +69,40 @@ def test_stretch_slows_the_skill_down(command, make_npz, outputs):
     assert windows[1] > 2 * windows[0]
 
 
+def test_times_of_a_part_are_those_of_the_recording_before_it_is_stretched(
+    command, tmp_path, outputs
+):
+    time = np.arange(0, 40, 0.05)
+    radius, rate = np.where(
+        time < 20, [[0.05], [2 * np.pi / 2]], [[0.1], [2 * np.pi / 4]]
+    )
+    path = radius * [np.cos(rate * time), np.sin(rate * time), 0 * time]
+    demo, skill = tmp_path / "two.npz", outputs / "skill.npz"
+    np.savez(demo, time=time, position=path.T)
+    call = ("learn", demo, "--out", skill, "--from", 20, "--to", 40, "--stretch", 2)
+    for period in ((), ("--period", 4)):
+        assert command(*call, *period).code == 0
+        learned = load_skill(skill)
+        assert learned.period_ == pytest.approx(8, rel=0.01)
+        assert np.ptp(learned.extent_[:, 0]) == pytest.approx(0.2, abs=0.01)
+
+
+def test_the_recording_is_not_replaced_by_its_skill(refused, make_npz):
+    demo = make_npz()
+    before = demo.read_bytes()
+    assert "is the recording" in refused("learn", demo, "--out", demo)
+    assert demo.read_bytes() == before
+    assert "must end in .npz" in refused(
+        "learn", demo, "--out", demo.with_suffix(".csv")
+    )
+
+
+def test_a_recording_that_is_learned_as_it_is_is_not_placed(refused, make_npz, outputs):
+    call = ("learn", make_npz(), "--out", outputs / "skill.npz", "--as-recorded")
+    for option in (("--surface", "plane"), ("--extra", "force")):
+        assert "--as-recorded places nothing" in refused(*call, *option)
+
+
 def test_several_files_are_learned_together(command, make_npz, outputs):
     paths = [make_npz("one.npz"), make_npz("two.npz")]
     counts = []

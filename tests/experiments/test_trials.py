@@ -392,6 +392,11 @@ def test_repeated_call_runs_only_missing_trials(make_store):
     assert [t.number for t in store.trials()] == begun
 
 
+def test_equal_draws_are_trials_of_their_own(make_store):
+    store = make_store(passed, 3, spec="base: {choice: [table_top]}")
+    assert [t.number for t in store.trials()] == [0, 1, 2]
+
+
 def test_changed_code_runs_trials_again(make_store, monkeypatch):
     make_store(passed)
     name = "fmp_drake.experiments.trials.running.code_version"
@@ -544,7 +549,7 @@ def test_trials_of_an_older_version_are_still_reported(make_store):
     scenario = trial.scenario + "forgotten: {key: 1}\n"
     store.add(replace(trial, scenario=scenario, code="older"))
     TrialsReport(store).write()
-    assert "Of 1 trials" in (store.folder / "report.html").read_text()
+    assert "Of 1 trial, drawn" in (store.folder / "report.html").read_text()
 
 
 def drawn(**metrics):

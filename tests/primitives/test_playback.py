@@ -1,5 +1,6 @@
 """Facts about playing a skill."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -404,6 +405,56 @@ def test_offset_decays_like_a_critically_damped_spring(small_skill):
 def test_blend_time_that_is_not_positive_is_refused(small_skill, blend_time):
     with pytest.raises(SkillError, match=r"blend_time is .* must be at least 0\.001 s"):
         Player(small_skill, blend_time=blend_time)
+
+
+def ellipses(period, rate):
+    """Return ellipses of 0.2 m x 0.12 m whose tempo and size vary a little."""
+    time = np.arange(60 * rate) / rate
+    phase = 2 * np.pi / period * time + 0.2 * np.sin(0.3 * time)
+    size = 0.1 * (1 + 0.05 * np.sin(0.17 * time))
+    path = [size * np.cos(phase), 0.6 * size * np.sin(phase), 0.01 * np.sin(2 * phase)]
+    noise = 2e-4 * np.random.default_rng(0).standard_normal((len(time), 3))
+    return Demonstration(time=time, values=np.column_stack(path) + noise)
+
+
+@pytest.mark.parametrize(
+    ("period", "rate", "tempo", "model"),
+    [
+        (0.5, 20, 1.0, "phase"),
+        (0.5, 50, 4.0, "phase"),
+        (1.0, 20, 4.0, "phase"),
+        (2.5, 20, 5.0, "mixture"),
+    ],
+)
+def test_fast_movements_keep_their_size(period, rate, tempo, model):
+    shown = ellipses(period, rate)
+    player = Player(FourierMovementPrimitive(rate=rate, model=model).fit(shown))
+    state, played = player.start(shown.values[0], tempo=tempo), []
+    for k in range(round(30 / tempo * 100)):
+        state = player.advance(state, 0.01)
+        if k >= 15 / tempo * 100:
+            played.append(player.motion(state)[0])
+    assert_allclose(np.ptp(played, axis=0)[:2], [0.2, 0.12], rtol=0.06)
+
+
+def test_a_movement_that_halts_stays_where_it_has_stopped(small_skill):
+    player = Player(small_skill)
+    state = player.advance(player.start(outside(small_skill)), 1.02)
+    halting = replace(state, tempo_rate=-4.0)
+    steps = halting
+    for _ in range(200):
+        steps = player.advance(steps, 0.01)
+    at_once = player.advance(halting, 2.0)
+    assert at_once.tempo == steps.tempo == 0
+    assert at_once.time_since_tick == pytest.approx(steps.time_since_tick, rel=0.01)
+    assert_allclose(player.motion(at_once)[0], player.motion(steps)[0], atol=1e-3)
+
+
+def test_a_pickled_rollout_keeps_its_times(small_skill):
+    motion = Player(small_skill).rollout(outside(small_skill), 1.0)
+    restored = pickle.loads(pickle.dumps(motion))
+    assert np.array_equal(restored.time, motion.time)
+    assert np.array_equal(restored.velocity, motion.velocity)
 
 
 def test_unfitted_skill_cannot_be_played():

@@ -138,6 +138,25 @@ def test_a_steady_movement_has_no_remark():
     assert found.describe() == ["12.0 cycles of 2.50 s"]
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3])
+def test_a_movement_on_a_line_has_its_own_period(noise):
+    """Forwards and backwards are the same there."""
+    time = np.arange(0, 40, 0.05)
+    x = 0.1 * np.sin(2 * np.pi * time / 4)
+    path = np.column_stack([x, 0.5 * x, 0 * x])
+    path += noise * np.random.default_rng(0).standard_normal(path.shape)
+    rhythm = find_rhythm(Demonstration(time=time, values=path))
+    assert rhythm.period == pytest.approx(4, rel=0.01)
+    assert rhythm.cycles == pytest.approx(10, abs=0.1)
+
+
+@pytest.mark.parametrize("period", [0, -4.0, np.nan])
+def test_a_period_that_cannot_be_is_refused(period):
+    path = Demonstration(time=np.arange(100) / 20, values=np.ones((100, 1)))
+    with pytest.raises(DemonstrationError, match=r"period is .*at least 0\.4 s"):
+        find_rhythm(path, period=period)
+
+
 def test_reversal_is_not_a_pause():
     phase = phases(1200)
     phase = np.concatenate([phase[:700], 2 * phase[700] - phase[700:]])
@@ -237,7 +256,7 @@ def test_a_user_may_choose_part_and_period():
 
 
 def test_a_part_without_samples_is_refused():
-    with pytest.raises(DemonstrationError, match="no two samples from 40 to 50 s"):
+    with pytest.raises(DemonstrationError, match="no two samples from 40 s to 50 s"):
         find_rhythm(demonstration(drop(phases(600))), start_time=40.0, end_time=50.0)
 
 

@@ -757,3 +757,30 @@ def test_plays_in_a_diagram_with_its_output_fed_back(small_skill, start):
     assert_same_outputs(
         outputs(system, context), outputs(alone.get_system(), alone.get_context())
     )
+
+
+@pytest.mark.parametrize("begin", [-3.3, 0.0, 100.02])
+def test_motion_does_not_depend_on_when_a_simulation_begins(small_skill, start, begin):
+    system = FourierPrimitiveSystem(small_skill)
+    context = system.CreateDefaultContext()
+    context.SetTime(begin)
+    system.GetInputPort("measured_position").FixValue(context, start)
+    simulator = Simulator(system, context)
+    simulator.Initialize()
+    simulator.AdvanceTo(begin + 4.0)
+    player = Player(small_skill)
+    expected = player.motion(player.advance(player.start(start), 4.0))
+    for order, name in enumerate(("position", "velocity")):
+        found = system.GetOutputPort(name).Eval(context)
+        assert_allclose(found, expected[order], atol=1e-9)
+
+
+def test_motion_long_after_the_last_event_is_that_of_the_playback(small_skill, start):
+    system = FourierPrimitiveSystem(small_skill)
+    context = system.CreateDefaultContext()
+    system.GetInputPort("measured_position").FixValue(context, start)
+    simulator = Simulator(system, context)
+    simulator.AdvanceTo(1.05)
+    context.SetTime(4.0)
+    expected = Player(small_skill).motion(system.playback_state(context))[0]
+    assert_allclose(system.GetOutputPort("position").Eval(context), expected)

@@ -313,7 +313,8 @@ def calibrate_playback(
     # Farther ahead than the parts reach, the errors increase by as much as those of replay.
     # These begin near 0, so their ratio would be the growth of much greater errors.
     replayed = np.trace(calibration.error_covariances, axis1=1, axis2=2)[last:]
-    growth = 1 + np.maximum(replayed - replayed[0], 0) / np.trace(covariances[last])
+    played = float(np.trace(covariances[last])) or np.inf
+    growth = 1 + np.maximum(replayed - replayed[0], 0) / played
     covariances[last:] = np.multiply.outer(growth, covariances[last])
     covariances = _less_dependent(covariances, float(count.max()))
     return replace(calibration, playback_covariances=covariances)

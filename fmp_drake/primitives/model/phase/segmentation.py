@@ -110,7 +110,8 @@ def segment(
             _tempo(phase, mask, size)
             for phase, mask in zip(best.phases, masks, strict=True)
         ]
-        before, best = best, segmenter.segment(values, tempos)
+        # On a line both directions fit equally well, and the longer one may change.
+        before, best = best, segmenter.segment(values, tempos).in_longer_direction()
         if all(map(np.array_equal, before.labels, best.labels)):
             break
     return best
