@@ -105,7 +105,8 @@ def check_yaml(text: str | bytes, name: str, error: type[FmpError]) -> None:
     ------
     FmpError
         Of the given type. The text is not YAML, is too long, too deep or, with its
-        aliases expanded, too large, or contains an integer beyond the range of floats.
+        aliases expanded, too large, has a key twice, or contains an integer beyond the
+        range of floats.
     """
     if len(text) > _MOST_BYTES:
         raise error(

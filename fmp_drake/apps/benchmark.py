@@ -48,8 +48,8 @@ def benchmark(folder: Path, to: BenchmarkOptions) -> None:
 
     Methods learn from 1.5, 2, 3, 4 and 8 cycles and from all but a held-out part of each
     movement. With --clean they drive the station instead, for a minute with five seeds,
-    and FOLDER is not read. Writes one JSON file for each method, and report.html. An installed package
-    adds a method by an entry point of the group fmp_drake.methods.
+    and FOLDER is not read. Writes one JSON file for each method, and report.html. An
+    installed package adds a method by an entry point of the group fmp_drake.methods.
     """
     console = make_console()
     if not folder.is_dir():

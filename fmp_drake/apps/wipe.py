@@ -183,7 +183,7 @@ def wipe(
         learn_seconds = time.perf_counter() - start
         for text in (
             *remarks,
-            (f"skill of {source_in_words(skill)}, ready after {learn_seconds:.2f} s"),
+            f"skill of {source_in_words(skill)}, ready after {learn_seconds:.2f} s",
             model_in_words(skill),
         ):
             say(console, panel, text)

@@ -396,8 +396,9 @@ class RunMetrics:
         self._has_board = scenario.has_board
         self._region = RegionMetrics(region, roles)
         self._limits = LimitMetrics(limits, control_period=control_period)
+        force = ForceMetrics(press.force, has_channel=has_force)
         self._played: tuple[Any, ...] = (
-            *([ForceMetrics(press.force, has_channel=has_force)] * self._has_board),
+            *([force] if self._has_board else []),
             TrackingMetrics(contact_height + press.engage_height),
             *([] if roles.rotation is None else [OrientationMetrics()]),
             self._region,
