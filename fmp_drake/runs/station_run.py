@@ -117,6 +117,10 @@ class StationRun:
         keep: Iterable[str] = (),
         **station: Any,
     ) -> None:
+        if isinstance(keep, str):
+            raise RunError(
+                f"keep is {keep!r}; give a list of signals, as in [{keep!r}]."
+            )
         self.scenario = scenario
         self.skill = skill
         self.meshcat, self.panel = meshcat, panel

@@ -346,6 +346,13 @@ def test_one_method_is_run_again_and_the_others_are_kept(folder, tmp_path):
     assert (tmp_path / "method_replay.json").stat().st_mtime_ns == before
 
 
+def test_scores_of_other_recordings_are_not_mixed(folder, tmp_path):
+    row = {"movement": "elsewhere", "cycles": "4", "place": 0, "error": "none"}
+    write_scores(tmp_path, MethodScores(method="replay", predictions=[row]))
+    with pytest.raises(ExperimentError, match=r"replay on elsewhere.*another folder"):
+        run_benchmark(folder, tmp_path, Here(), methods=["FMP"], instants=5)
+
+
 @pytest.mark.usefixtures("few")
 def test_rows_do_not_depend_on_which_job_ends_first(folder, tmp_path, monkeypatch):
     def backwards(function, tasks, _):

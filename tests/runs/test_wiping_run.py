@@ -75,6 +75,11 @@ def test_a_signal_that_was_not_kept_is_refused(whole):
             get("torque")
 
 
+def test_signals_to_keep_are_a_list(scenario, wiping_skill):
+    with pytest.raises(RunError, match=r"keep is 'state'; .* \['state'\]"):
+        WipingRun(scenario, wiping_skill, keep="state")
+
+
 def test_a_run_that_was_not_recorded_has_no_page(whole):
     with pytest.raises(RunError, match="nothing was recorded; give the run a Meshcat"):
         whole.html()

@@ -118,9 +118,21 @@ def run_benchmark(
     -------
     dict of str to MethodScores
         Scores by method, with those of earlier runs into the same folder.
+
+    Raises
+    ------
+    ExperimentError
+        Where earlier scores of other methods are of other recordings.
     """
     names = checked_methods(methods)
     movements = load_movements(folder, progress)
+    for method, scores in read_scores(out).items():
+        scored = {row["movement"] for row in scores.predictions}
+        if method not in names and scored - {movement.name for movement in movements}:
+            raise ExperimentError(
+                f"{out} has scores of {method} on {', '.join(sorted(scored))}, which are "
+                f"not all in {folder}. Give another folder by --out."
+            )
     for movement in movements:
         progress(
             f"{movement.name}: {movement.cycles:.1f} cycles in "
