@@ -105,8 +105,7 @@ def check_yaml(text: str | bytes, name: str, error: type[FmpError]) -> None:
     ------
     FmpError
         Of the given type. The text is not YAML, is too long, too deep or, with its
-        aliases expanded, too large, has a key twice, or contains an integer beyond the
-        range of floats.
+        aliases expanded, too large, or contains an integer beyond the range of floats.
     """
     if len(text) > _MOST_BYTES:
         raise error(
@@ -115,19 +114,10 @@ def check_yaml(text: str | bytes, name: str, error: type[FmpError]) -> None:
     sizes: dict[str, int] = {}  # Nodes of each anchor; 0 until its end.
     # Enclosing anchors, each with the number of nodes before it.
     open_anchors: list[tuple[str, int]] = []
-    # The keys of each enclosing mapping, and whether a key comes next; None for a list.
-    open_keys: list[tuple[set[str], bool] | None] = [None]
     count = 0
     try:
         for event in yaml.parse(text, Loader=yaml.CSafeLoader):
             anchor = str(getattr(event, "anchor", None) or "")
-            if isinstance(event, yaml.NodeEvent) and open_keys[-1] is not None:
-                keys, is_key = open_keys[-1]
-                open_keys[-1] = keys, not is_key
-                if is_key and isinstance(event, yaml.ScalarEvent):
-                    if event.value in keys:
-                        raise error(f"{name} has the key {event.value} twice.")
-                    keys.add(event.value)
             if isinstance(event, yaml.AliasEvent):
                 count += sizes.get(anchor, 1)
                 if sizes.get(anchor) == 0:
@@ -142,13 +132,10 @@ def check_yaml(text: str | bytes, name: str, error: type[FmpError]) -> None:
                     )
             elif isinstance(event, yaml.CollectionStartEvent):
                 open_anchors.append((anchor, count))
-                is_mapping = isinstance(event, yaml.MappingStartEvent)
-                open_keys.append((set(), True) if is_mapping else None)
                 count += 1
                 sizes |= {anchor: 0} if anchor else {}
             elif isinstance(event, yaml.CollectionEndEvent):
                 anchor, before = open_anchors.pop()
-                open_keys.pop()
                 sizes |= {anchor: count - before} if anchor else {}
             if len(open_anchors) > _MOST_LEVELS:
                 raise error(

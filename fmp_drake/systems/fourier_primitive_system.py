@@ -318,7 +318,8 @@ class FourierPrimitiveSystem(LeafSystem):
         last_event, begin, pushed_since, reactive, missing_since = (
             context.get_discrete_state().value(self._events).tolist()
         )
-        if time == last_event:  # A Simulator of a cloned Context triggers it once more.
+        # A Simulator of a cloned Context triggers an event of that time once more.
+        if begin < last_event == time:
             return EventStatus.DidNothing()
         state = player.advance(before, time - self._last_event(context))
         measurements = context.get_discrete_state().value(self._measurements)
@@ -337,7 +338,10 @@ class FourierPrimitiveSystem(LeafSystem):
             is_pushed = ratio > 1 and not is_missing
             pushed_since = min(pushed_since, time) if is_pushed else math.inf
             if ratio < 0.5:
-                state = replace(state, blend_time=player.blend_time_at(state.tempo))
+                longest = player.blend_time
+                if state.remaps:
+                    longest = player.blend_time_at(state.tempo)
+                state = replace(state, blend_time=longest)
             tempo *= min(max(2 - 2 * ratio, 0.0), 1.0)
             if time - missing_since > _MEASUREMENT_EXPIRY - 1e-6:
                 tempo = 0.0
@@ -411,9 +415,8 @@ class FourierPrimitiveSystem(LeafSystem):
         cached: Any = eval_cache(self, self._segments, context)
         last_event, segments = cached
         elapsed = context.get_time() - last_event
-        if (
-            not -1e-6 <= elapsed <= self._player.tick_seconds + 1e-6
-        ):  # There was no event.
+        # There may have been no event for longer than a tick.
+        if not -1e-6 <= elapsed <= self._player.tick_seconds + 1e-6:
             motion = self._player.motion(self.playback_state(context))
             output.SetFromVector(motion.ravel())
             return

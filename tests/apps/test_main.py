@@ -126,7 +126,8 @@ def test_demonstration_with_wrong_numbers_is_refused(
         "wipe": ("wipe", "--headless", "--demo", bad, "--report"),
         "learn": ("learn", bad, "--out"),
     }[name]
-    message = refused(*arguments, outputs / "out.npz")
+    ending = {"wipe": ".json", "learn": ".npz"}[name]
+    message = refused(*arguments, outputs / f"out{ending}")
     assert reason in message
     assert "--surface" not in message
     assert "bad.npz" in message or reason == "point or a line"

@@ -314,7 +314,7 @@ def test_picture_of_the_diagram_names_every_system(command, runs, outputs, name)
         (("--plot", "run.xyz"), "not a picture"),
         (("--html", "missing/run.html"), "there is no folder"),
         (("--report", "."), "is a folder"),
-        (("--log", "a.npz", "--report", "a.npz"), "a.npz is named twice"),
+        (("--log", "a.npz", "--report", "a.npz"), "must end in .json"),
         (("--seed", -1), "seed is -1"),
         (("--scenario", "billiards"), "no scenario billiards"),
     ],

@@ -192,7 +192,6 @@ def test_missing_file_is_named(tmp_path):
         ),
         ("simulator: {accuracy: -1}", ["simulator.accuracy is -1", "positive"]),
         ("simulator: {max_step_size: 0}", ["simulator.max_step_size is 0"]),
-        ("press: {force: 8}\npress: {engage_height: 1}", ["the key press twice"]),
         ("ink: {period: 1}", ["ink.period", "at most 0.25"]),
         ("friction: {height: [1, 2]}", ["friction.height is [1.0, 2.0]", "7 numbers"]),
         ("start: [0, 0, -0.1]", ["start is 100 mm below the surface of the board"]),

@@ -96,8 +96,8 @@ class Player:
     seed : int
         Seed of the samples.
     blend_time : float
-        Time constant of the offset's decay, s; at most a fifth of the time between two
-        re-mappings. With a longer one, the offset that is left at a re-mapping, which is
+        Time constant of the offset's decay, s; with a phase model, from the first
+        re-mapping on, at most a fifth of the time between two of them. With a longer one, the offset that is left at a re-mapping, which is
         mapped with the history, grows from one to the next.
     confidence : float
         Fraction of a component's samples inside the ellipsoid that bounds mapped
@@ -166,7 +166,10 @@ class Player:
             most_ticks = max(1, most_ticks - closing_samples(skill.n_steps))
         ticks = most_ticks if remap_ticks is None else remap_ticks
         check_number(ticks, "remap_ticks", least=1, most=most_ticks, whole=True)
-        self._longest_blend = most_ticks * self.tick_seconds / _BLENDS
+        # The windows of a mixture may be far shorter than a cycle of its movement.
+        self._longest_blend = np.inf
+        if skill.phase_model_ is not None:
+            self._longest_blend = most_ticks * self.tick_seconds / _BLENDS
         self.ticks_between_remaps = int(ticks)
         if target is not None:
             if sample:
@@ -218,7 +221,7 @@ class Player:
             step=self.skill.overlap - 1,
             history=np.tile(y, (self.skill.overlap, 1)),
             offset=np.zeros((2, len(y))),
-            blend_time=self.blend_time_at(tempo),
+            blend_time=self.blend_time,
             tempo=tempo,
             sample=self.sample,
             seed=self.seed if seed is None else seed,
@@ -249,7 +252,7 @@ class Player:
         )
 
     def blend_time_at(self, tempo: float) -> float:
-        """Return the time constant of the offset's decay at a tempo, s."""
+        """Return the time constant of the offset's decay after a re-mapping, s."""
         return min(self.blend_time, self._longest_blend / max(tempo, 1.0))
 
     def remap(
