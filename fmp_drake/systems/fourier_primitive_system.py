@@ -314,13 +314,13 @@ class FourierPrimitiveSystem(LeafSystem):
     def _update(self, context: Context, values: DiscreteValues) -> EventStatus:
         """Advance the playback to now, read the inputs, store it."""
         player, time = self._player, context.get_time()
-        before = self._read(context)
         last_event, begin, pushed_since, reactive, missing_since = (
             context.get_discrete_state().value(self._events).tolist()
         )
         # A Simulator of a cloned Context triggers an event of that time once more.
         if begin < last_event == time:
             return EventStatus.DidNothing()
+        before = self._read(context)
         state = player.advance(before, time - self._last_event(context))
         measurements = context.get_discrete_state().value(self._measurements)
         measurements = measurements.reshape(state.history.shape)
@@ -338,10 +338,7 @@ class FourierPrimitiveSystem(LeafSystem):
             is_pushed = ratio > 1 and not is_missing
             pushed_since = min(pushed_since, time) if is_pushed else math.inf
             if ratio < 0.5:
-                longest = player.blend_time
-                if state.remaps:
-                    longest = player.blend_time_at(state.tempo)
-                state = replace(state, blend_time=longest)
+                state = replace(state, blend_time=player.blend_time_of(state))
             tempo *= min(max(2 - 2 * ratio, 0.0), 1.0)
             if time - missing_since > _MEASUREMENT_EXPIRY - 1e-6:
                 tempo = 0.0

@@ -99,7 +99,7 @@ def read_npz(
     except Exception as reason:  # noqa: BLE001
         # Broken bytes surface from NumPy, zipfile and zlib as a dozen types.
         is_other = path.is_file() and not zipfile.is_zipfile(path)
-        why = "it is no archive of arrays" if is_other else reason
+        why = "it is not an archive of arrays" if is_other else reason
         raise error(
             f"{path} is not a readable .npz file ({why}); {expected}."
         ) from None

@@ -96,9 +96,10 @@ class Player:
     seed : int
         Seed of the samples.
     blend_time : float
-        Time constant of the offset's decay, s; with a phase model, from the first
-        re-mapping on, at most a fifth of the time between two of them. With a longer one, the offset that is left at a re-mapping, which is
-        mapped with the history, grows from one to the next.
+        Time constant of the offset's decay, s. With a phase model, from the first
+        re-mapping on, it is at most a fifth of the time between two of them: with a longer
+        one, the offset that is left at a re-mapping, and is mapped with the history, grows
+        from one to the next.
     confidence : float
         Fraction of a component's samples inside the ellipsoid that bounds mapped
         weights, in (0, 1]; 1 is no bound.
@@ -251,9 +252,11 @@ class Player:
             tempo=tempo,
         )
 
-    def blend_time_at(self, tempo: float) -> float:
-        """Return the time constant of the offset's decay after a re-mapping, s."""
-        return min(self.blend_time, self._longest_blend / max(tempo, 1.0))
+    def blend_time_of(self, state: PlaybackState) -> float:
+        """Return the time constant of the decay of an unpushed state's offset, s."""
+        if not state.remaps:
+            return self.blend_time
+        return min(self.blend_time, self._longest_blend / max(state.tempo, 1.0))
 
     def remap(
         self, state: PlaybackState, *, observed: ArrayLike | None = None
@@ -278,8 +281,9 @@ class Player:
             step=self.skill.overlap - 1,
             time_since_tick=0.0,
             remaps=state.remaps + 1,
-            blend_time=min(state.blend_time, self.blend_time_at(state.tempo)),
         )
+        blend_time = min(state.blend_time, self.blend_time_of(state))
+        state = replace(state, blend_time=blend_time)
         return self._entered(state, plan, values.ravel(), motion)
 
     def retarget(
