@@ -17,6 +17,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 from fmp_drake.errors import RunError
 from fmp_drake.numeric import Array, Mask, check_number
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.primitives.model.trajectory_mixture import check_skill
 from fmp_drake.runs.events import RunEvent
 from fmp_drake.runs.log import (
     SIGNALS,
@@ -31,6 +32,7 @@ from fmp_drake.runs.metrics import RunMetrics, ink_metrics, metric_signals
 from fmp_drake.station import LoadRobot, MakeStation, Scenario
 from fmp_drake.station.page import BOARD, INK, describe_page
 from fmp_drake.station.robots.robot import MakeRobotModel
+from fmp_drake.station.scenario import check_scenario
 from fmp_drake.station.skill_motion import ContactHeight, SkillRoles
 from fmp_drake.systems import AddPathToRecording, PagePanel
 from fmp_drake.systems.erase_times import EraseTimes
@@ -121,6 +123,8 @@ class StationRun:
             raise RunError(
                 f"keep is {keep!r}; give a list of signals, as in [{keep!r}]."
             )
+        check_scenario(scenario, "MakeRun(scenario, skill)")
+        check_skill(skill, "MakeRun(scenario, skill)")
         self.scenario = scenario
         self.skill = skill
         self.meshcat, self.panel = meshcat, panel
@@ -362,6 +366,7 @@ def MakeRun(
     **options
         As for `StationRun`.
     """
+    check_scenario(scenario, "MakeRun(scenario, skill)")
     kind = WipingRun if scenario.has_board else StationRun
     return kind(scenario, skill, **options)
 

@@ -1,8 +1,10 @@
 """Scenarios: all settings of a station, as YAML."""
 
 import math
+import reprlib
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -253,6 +255,15 @@ def LoadScenario(path: str | Path, *, robot: str | None = None) -> Scenario:
             f"{', '.join(ListScenarios())}."
         )
     return _Parse(file.read_bytes(), file.name, folder=file.parent, robot=robot)
+
+
+def check_scenario(scenario: Any, call: str) -> None:
+    """Raise a StationError where the argument of a call is not a scenario."""
+    if not isinstance(scenario, Scenario):
+        raise StationError(
+            f"{call} needs a scenario, such as LoadScenario('table_top'); "
+            f"it is {reprlib.repr(scenario)}."
+        )
 
 
 def ParseScenario(text: str | bytes, *, name: str = "this") -> Scenario:

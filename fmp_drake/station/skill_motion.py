@@ -20,6 +20,7 @@ from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives import FourierMovementPrimitive, Player, Tracker
 from fmp_drake.primitives.data.channels import ChannelRoles, channel_roles
 from fmp_drake.primitives.data.orientation import rotation_vectors
+from fmp_drake.primitives.model.trajectory_mixture import check_skill
 from fmp_drake.station.board_scene import BoardScene
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.tasks.task import Measurements
@@ -113,7 +114,7 @@ def SkillRoles(skill: FourierMovementPrimitive) -> ChannelRoles:
     StationError
         If the skill has no position, or a channel without a role.
     """
-    skill.check_fitted()
+    check_skill(skill, "a station")
     if skill.n_channels_ == 3 and set(skill.units_) == {"m"}:
         return ChannelRoles(position=(0, 1, 2))
     try:

@@ -26,7 +26,7 @@ from fmp_drake.station.external_forces import (
 from fmp_drake.station.page import AddBodies, AddPage, AddPageStatus
 from fmp_drake.station.reach.posture import TORQUE_FRACTION, ArmForceLimit
 from fmp_drake.station.robots.driver import Driver, SimulatedDriver
-from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario import Scenario, check_scenario
 from fmp_drake.station.skill_motion import (
     DESIRED,
     AddSkill,
@@ -155,6 +155,7 @@ def MakeStation(
     >>> station.GetInputPort("desired_position").size()
     3
     """
+    check_scenario(scenario, "MakeStation(scenario)")
     if not isinstance(operator, FourierMovementPrimitive | None):
         return _MakeTeachingStation(scenario, operator, start, q, meshcat)
     if operator is not None:

@@ -566,6 +566,20 @@ def test_seed_that_is_not_a_whole_number_is_refused(small_skill, seed):
         Player(small_skill, seed=seed)
 
 
+@pytest.mark.parametrize(
+    ("use", "message"),
+    [
+        (lambda p: Player(p.skill, tracker="lqr"), "tracker is 'lqr'; give a tracker"),
+        (lambda p: p.start([0, 0], seed=-1), "seed is -1"),
+        (lambda p: p.plan(p.start([0, 0]), 1.5), r"ticks is 1\.5"),
+        (lambda p: p.track_sample(p.start([0, 0]), count=0), "count is 0"),
+    ],
+)
+def test_unusable_arguments_are_named(small_skill, use, message):
+    with pytest.raises(SkillError, match=message):
+        use(Player(small_skill))
+
+
 @pytest.mark.parametrize("start", [[0.0], [[[0.0, 0.0]]], [[0, np.nan]], "here", None])
 def test_rollout_from_an_invalid_start_is_refused(small_skill, start):
     with pytest.raises(SkillError, match="the start"):

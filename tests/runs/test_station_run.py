@@ -6,6 +6,7 @@ from posed_recordings import demonstration
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from fmp_drake.apps.run_report import report_rows
+from fmp_drake.errors import SkillError, StationError
 from fmp_drake.film import FilmReel, film_run
 from fmp_drake.film.render import FILM_SIGNALS
 from fmp_drake.film.scene import renders
@@ -13,7 +14,7 @@ from fmp_drake.plots import plot_run
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.runs import MakeRun, RunLog, WipingRun
-from fmp_drake.station import CheckFeasibility, Scenario
+from fmp_drake.station import CheckFeasibility, MakeStation, Scenario
 
 pytestmark = pytest.mark.slow
 CLOCKS = {"simulated_seconds": 1.0, "wall_seconds": 1.0, "real_time_factor": 1.0}
@@ -141,3 +142,15 @@ def test_check_follows_the_poses_of_a_skill_in_free_space(free, stirring):
     )
     refused = CheckFeasibility(free, leaning)
     assert not refused.is_feasible
+
+
+@pytest.mark.parametrize("use", [MakeRun, CheckFeasibility, MakeStation])
+def test_the_name_of_a_scenario_is_not_a_scenario(small_skill, use):
+    with pytest.raises(StationError, match=r"a scenario, such as .*; it is 'table_top'"):
+        use("table_top", small_skill)
+
+
+@pytest.mark.parametrize("use", [MakeRun, CheckFeasibility])
+def test_a_scenario_alone_has_no_skill_to_run_or_check(use):
+    with pytest.raises(SkillError, match=r"needs a skill, .*; it is None"):
+        use(Scenario(), None)

@@ -251,6 +251,10 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
             end = finite_array(goal, "the goal", shape)
             points.append((1.0, channels, end))
         for number, point in enumerate(via):
+            if not isinstance(point, ViaPoint):
+                raise SkillError(
+                    f"via has {point!r}; give a list of ViaPoint(phase, values)."
+                )
             index = channel_indices(point.channels, self.channels_)
             name = f"via-point {number}"
             check_number(point.phase, f"the phase of {name}", above=0.0, below=1.0)

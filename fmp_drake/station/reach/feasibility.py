@@ -21,7 +21,7 @@ from fmp_drake.station.reach.board_reach import (
 )
 from fmp_drake.station.reach.push_prediction import predict_lifts
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion, lengths
-from fmp_drake.station.scenario import ParseScenario, Scenario
+from fmp_drake.station.scenario import ParseScenario, Scenario, check_scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.station.skill_motion import SampleSkillPaths, SkillRoles
 
@@ -149,6 +149,7 @@ def CheckFeasibility(
     >>> CheckFeasibility(scenario, skill).is_feasible
     False
     """
+    check_scenario(scenario, "CheckFeasibility(scenario, skill)")
     scenario.check()
     bounds = bounds or FollowingBounds()
     check = _Check(scenario, skill, bounds)
