@@ -326,6 +326,7 @@ class FourierPrimitiveSystem(LeafSystem):
         measurements = measurements.reshape(state.history.shape)
         tempo = self._tempo_input(context)
         state = replace(state, sample=self._sample_input(context))
+        ratio = 0.0
         if self._push_threshold is not None:
             measured: Any = self._measured.Eval(context)
             is_missing = not self._is_plausible(measured)
@@ -337,8 +338,6 @@ class FourierPrimitiveSystem(LeafSystem):
             ratio = float(np.linalg.norm(error)) / self._push_threshold
             is_pushed = ratio > 1 and not is_missing
             pushed_since = min(pushed_since, time) if is_pushed else math.inf
-            if ratio < 0.5:
-                state = replace(state, blend_time=player.blend_time_of(state))
             tempo *= min(max(2 - 2 * ratio, 0.0), 1.0)
             if time - missing_since > _MEASUREMENT_EXPIRY - 1e-6:
                 tempo = 0.0
@@ -347,6 +346,8 @@ class FourierPrimitiveSystem(LeafSystem):
                 blend_time = min(_PUSHED_BLEND_TIME, state.blend_time)
                 state = replace(state, blend_time=blend_time)
                 pushed_since, reactive = math.inf, reactive + 1
+        if ratio < 0.5:
+            state = replace(state, blend_time=player.blend_time_of(state))
         if state.remaps != before.remaps:
             state = self._with_selected_sample(context, state)
         rate = (tempo - state.tempo) / player.tick_seconds

@@ -418,16 +418,17 @@ def ellipses(period, rate):
 
 
 @pytest.mark.parametrize(
-    ("period", "rate", "tempo"),
+    ("period", "rate", "tempo", "model"),
     [
-        (0.5, 20, 1.0),
-        (0.5, 50, 4.0),
-        (1.0, 20, 4.0),
+        (0.5, 20, 1.0, "phase"),
+        (0.5, 50, 4.0, "phase"),
+        (1.0, 20, 4.0, "phase"),
+        (2.5, 20, 5.0, "mixture"),
     ],
 )
-def test_fast_movements_keep_their_size(period, rate, tempo):
+def test_fast_movements_keep_their_size(period, rate, tempo, model):
     shown = ellipses(period, rate)
-    player = Player(FourierMovementPrimitive(rate=rate, model="phase").fit(shown))
+    player = Player(FourierMovementPrimitive(rate=rate, model=model).fit(shown))
     state, played = player.start(shown.values[0], tempo=tempo), []
     for k in range(round(30 / tempo * 100)):
         state = player.advance(state, 0.01)

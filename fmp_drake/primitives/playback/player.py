@@ -99,7 +99,7 @@ class Player:
         Time constant of the offset's decay, s. With a phase model, from the first
         re-mapping on, it is at most a fifth of the time between two of them: with a longer
         one, the offset that is left at a re-mapping, and is mapped with the history, grows
-        from one to the next.
+        from one to the next. Without one, it is divided by tempos above 1.
     confidence : float
         Fraction of a component's samples inside the ellipsoid that bounds mapped
         weights, in (0, 1]; 1 is no bound.
@@ -168,7 +168,7 @@ class Player:
         ticks = most_ticks if remap_ticks is None else remap_ticks
         check_number(ticks, "remap_ticks", least=1, most=most_ticks, whole=True)
         # The windows of a mixture may be far shorter than a cycle of its movement.
-        self._longest_blend = np.inf
+        self._longest_blend = self.blend_time
         if skill.phase_model_ is not None:
             self._longest_blend = most_ticks * self.tick_seconds / _BLENDS
         self.ticks_between_remaps = int(ticks)
