@@ -146,7 +146,9 @@ def test_check_follows_the_poses_of_a_skill_in_free_space(free, stirring):
 
 @pytest.mark.parametrize("use", [MakeRun, CheckFeasibility, MakeStation])
 def test_the_name_of_a_scenario_is_not_a_scenario(small_skill, use):
-    with pytest.raises(StationError, match=r"a scenario, such as .*; it is 'table_top'"):
+    with pytest.raises(
+        StationError, match=r"a scenario, such as .*; it is 'table_top'"
+    ):
         use("table_top", small_skill)
 
 
