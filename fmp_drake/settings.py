@@ -2,13 +2,14 @@
 
 import dataclasses
 import re
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
 import yaml
 
 from fmp_drake.errors import FmpError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import check_number, shown
 
 # Limits of YAML text: bytes, nodes with aliases expanded, and levels. The station with
 # the most settings has 300 nodes on 5 levels.
@@ -105,7 +106,8 @@ def check_yaml(text: str | bytes, name: str, error: type[FmpError]) -> None:
     ------
     FmpError
         Of the given type. The text is not YAML, is too long, too deep or, with its
-        aliases expanded, too large, or contains an integer beyond the range of floats.
+        aliases expanded, too large, or contains an integer beyond the range of floats,
+        or a key twice.
     """
     if len(text) > _MOST_BYTES:
         raise error(
@@ -147,7 +149,24 @@ def check_yaml(text: str | bytes, name: str, error: type[FmpError]) -> None:
                     f"{name} has more than {_MOST_NODES} values with its aliases "
                     "expanded; no larger text is read."
                 )
+        if key := _repeated_key(yaml.compose(text, Loader=yaml.CSafeLoader)):
+            raise error(
+                f"{name} has the key {shown(key)} twice in one place; keep one."
+            )
     except (yaml.YAMLError, UnicodeError) as reason:
         raise error(
             f"{name} cannot be read as YAML: {' '.join(str(reason).split())}."
         ) from None
+
+
+def _repeated_key(node: yaml.Node | None) -> str:
+    """Return a key that a mapping in a YAML node has twice, or ""."""
+    if not isinstance(node, yaml.CollectionNode):
+        return ""
+    items = node.value
+    if isinstance(node, yaml.MappingNode):
+        counts = Counter(str(key.value) for key, _ in node.value)
+        if repeated := [key for key, count in counts.items() if count > 1]:
+            return repeated[0]
+        items = [value for _, value in node.value]
+    return next(filter(None, map(_repeated_key, items)), "")

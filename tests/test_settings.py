@@ -82,6 +82,7 @@ MILLIONS = "\n".join(
         ("a: {", "it cannot be read as YAML: .*line"),
         ("a: \0", "it cannot be read as YAML"),
         (b"a: \xff\xfe", "it cannot be read as YAML"),
+        ("a: 1\nb: {c: [{d: 1, d: 2}]}", "has the key 'd' twice in one place"),
     ],
 )
 def test_yaml_without_bounds_is_refused_at_once(text, message):
@@ -95,4 +96,5 @@ def test_yaml_without_bounds_is_refused_at_once(text, message):
 def test_yaml_of_common_size_passes_with_its_aliases():
     check_yaml("a: &a [1, 2]\nb: [*a, *a]\nc: {d: *a}", "it", StationError)
     check_yaml("a: " + "[" * 49 + "]" * 49, "it", StationError)
+    check_yaml("a: {n: 1}\nb: {n: 1}", "it", StationError)
     check_yaml("n: 1234567890123456789012345678901234567890", "it", StationError)

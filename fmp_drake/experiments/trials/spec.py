@@ -216,8 +216,14 @@ class TrialSpec:
         except UnicodeDecodeError as error:
             raise ExperimentError(f"{file} is not text: {error}.") from None
         if robot is not None:
+            check_yaml(text, str(file), ExperimentError)
             name = Path(robot).resolve() if Path(robot).is_file() else robot
-            text = f"{text.rstrip()}\nrobot: {name}\n"  # The last key counts in YAML.
+            root = yaml.compose(text, Loader=yaml.SafeLoader)
+            items = root.value if isinstance(root, yaml.MappingNode) else []
+            for key, value in items:
+                if key.value == "robot":
+                    text = text[: key.start_mark.index] + text[value.end_mark.index :]
+            text = f"{text.rstrip()}\nrobot: {name}\n"
         return cls(text, folder=file.parent)
 
     def plan(self, *, seed: int, duration: float) -> dict[str, str]:
