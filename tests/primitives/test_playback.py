@@ -570,9 +570,8 @@ def test_seed_that_is_not_a_whole_number_is_refused(small_skill, seed):
 @pytest.mark.parametrize(
     ("use", "message"),
     [
-        (lambda p: Player(p.skill, tracker="lqr"), "tracker is 'lqr'; give a tracker"),
+        (lambda p: Player(p.skill, tracker="lqr"), "tracker is 'lqr'; give one"),
         (lambda p: p.start([0, 0], seed=-1), "seed is -1"),
-        (lambda p: p.plan(p.start([0, 0]), 1.5), r"ticks is 1\.5"),
         (lambda p: p.track_sample(p.start([0, 0]), count=0), "count is 0"),
     ],
 )

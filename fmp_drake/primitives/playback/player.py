@@ -179,9 +179,7 @@ class Player:
         self._target = target
         tracker = LqrTracker() if tracker is None else tracker
         if not hasattr(tracker, "relaxation"):
-            raise SkillError(
-                f"tracker is {tracker!r}; give a tracker, such as LqrTracker()."
-            )
+            raise SkillError(f"tracker is {tracker!r}; give one such as LqrTracker().")
         self.relaxations = [
             tracker.relaxation(c, n_steps=skill.n_steps, tick=self.tick_seconds)
             for c in skill.components_
@@ -218,8 +216,7 @@ class Player:
             Instead of the player's.
         """
         check_number(tempo, "tempo", least=0)
-        seed = self.seed if seed is None else seed
-        check_number(seed, "seed", least=0, whole=True)
+        check_number(seed or 0, "seed", least=0, whole=True)
         y = finite_array(position, "the start", (self.skill.n_channels_,))
         state = PlaybackState(
             weights=self.skill.components_[0].mean,
@@ -231,7 +228,7 @@ class Player:
             blend_time=self.blend_time,
             tempo=tempo,
             sample=self.sample,
-            seed=int(seed),
+            seed=self.seed if seed is None else seed,
         )
         at_rest = np.stack([y, np.zeros_like(y)])
         return self._entered(state, self._start_plan, y, at_rest)
@@ -589,7 +586,6 @@ class Player:
         covariances : ndarray, shape (ticks + 1, D, D)
             Their covariances.
         """
-        check_number(ticks, "ticks", least=0, whole=True)
         values, covariances = [self.motion(state)[:1]], [self.covariance(state)[None]]
         # At constant tempo, and at tempo 1 where the state's is 0.
         tempo = state.tempo if state.tempo > 0 else 1.0
