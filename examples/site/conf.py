@@ -41,8 +41,8 @@ TASKS = {
     "Draw and film": ("plots", "film"),
     "Judge and compare": ("experiments",),
 }
-# Duration of each replay, s.
-REPLAY_SECONDS = 8.0
+# Duration of each replay, s; with the tag "quick" it shows only that there is one.
+REPLAY_SECONDS = 1.0 if tags.has("quick") else 8.0  # noqa: F821, of Sphinx
 
 project = "fmp_drake"
 author = "the fmp_drake authors"
