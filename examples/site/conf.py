@@ -164,7 +164,7 @@ def write_scenarios(folder: Path, replays: Path) -> None:
     replays.mkdir(parents=True, exist_ok=True)
     lines = [
         *heading("Scenarios", "="),
-        f"A replay of {REPLAY_SECONDS:.0f} seconds of each scenario; the settings of the viewer",
+        f"A replay of {REPLAY_SECONDS:g} s of each scenario; the settings of the viewer",
         "control time and speed. ``fmp-drake wipe --scenario NAME`` runs a scenario for any",
         "duration; ``fmp-drake scenarios`` lists them.",
         "",
