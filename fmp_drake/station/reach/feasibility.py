@@ -169,6 +169,7 @@ class _Check:
         scenario: Scenario,
         skill: FourierMovementPrimitive,
         bounds: FollowingBounds,
+        values: Array | None = None,
     ) -> None:
         self._scenario, self._skill, self._bounds = scenario, skill, bounds
         self._most_error = bounds.tracking_error * scenario.tolerance
@@ -176,9 +177,11 @@ class _Check:
         board, roles = scenario.board, SkillRoles(skill)
         self._tempo = max(scenario.skill.tempo, _MIN_TEMPO)
         self._step = _STRIDE / (self._tempo * skill.rate)
-        values = SampleSkillPaths(
-            scenario, skill, roles, tempo=self._tempo, stride=_STRIDE
-        )
+        if values is None:
+            values = SampleSkillPaths(
+                scenario, skill, roles, tempo=self._tempo, stride=_STRIDE
+            )
+        self._values = values
         self._paths = values[..., list(roles.position)]
         self._R_TE: Array | None = None
         if roles.rotation is not None and roles.reference is not None:
@@ -280,7 +283,7 @@ class _Check:
             return words, self._changed_pace
         may_move = self._is_far or self._is_disturbed
         for words, changed in self._changes() if may_move else ():
-            check = _Check(changed, self._skill, self._bounds)
+            check = self._changed_to(changed)
             start = changed.start if changed.start != self._scenario.start else None
             if check.result().is_feasible:
                 return words, {"start": start} if start else {}
@@ -307,6 +310,13 @@ class _Check:
             changed.board.translation = [*(np.array(changed.board.translation) + move)]
             yield words, changed
 
+    def _changed_to(self, scenario: Scenario) -> "_Check":
+        """Return the check of a changed scenario, with the same samples if it plays them."""
+        mine = self._scenario
+        is_same = scenario.skill == mine.skill and scenario.start == mine.start
+        values = self._values if is_same else None
+        return _Check(scenario, self._skill, self._bounds, values)
+
     def _copy(self) -> Scenario:
         return ParseScenario(yaml_dump_typed(self._scenario))  # type: ignore[no-untyped-call]
 
@@ -329,7 +339,7 @@ class _Check:
                 words.append(f"press with at least {changed.press.force:.0f} N")
             if changed.inconsistency():  # The felt may not bear the normal force.
                 continue
-            if _Check(changed, self._skill, self._bounds).result().is_feasible:
+            if self._changed_to(changed).result().is_feasible:
                 if self._slower is not None:
                     self._changed_pace["tempo"] = changed.skill.tempo
                 if self._softer is not None or self._firmer is not None:
