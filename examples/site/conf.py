@@ -41,7 +41,7 @@ TASKS = {
     "Draw and film": ("plots", "film"),
     "Judge and compare": ("experiments",),
 }
-# Duration of each replay, s; with the tag "quick" it shows only that there is one.
+# Duration of each replay, s; short with the tag "quick", to test that the site can be built.
 REPLAY_SECONDS = 1.0 if tags.has("quick") else 8.0  # noqa: F821, of Sphinx
 
 project = "fmp_drake"

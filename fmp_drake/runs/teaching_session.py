@@ -156,7 +156,7 @@ class TeachingSession:
 
     @property
     def requirement(self) -> str:
-        """What must still be shown before learning; empty if nothing."""
+        """What is still to be shown before learning; empty if nothing is missing."""
         return self._requirement(self.demonstrations)
 
     @property
@@ -356,7 +356,7 @@ class TeachingSession:
         return max(0.0, _MIN_WINDOWS * window - max([total, *lengths]))
 
     def _requirement(self, demonstrations: Sequence[Demonstration]) -> str:
-        """Return what must still be shown before learning; empty if nothing."""
+        """Return what is still to be shown before learning; empty if nothing is missing."""
         window = self._scenario.skill.window
         if not (missing := self._missing(demonstrations)):
             return ""

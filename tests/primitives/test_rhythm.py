@@ -73,7 +73,7 @@ def test_approach_retreat_lifts_pauses_and_bouts_are_found():
 
 @pytest.mark.slow
 def test_rhythm_is_found_in_95_of_100_recordings():
-    assert min(agreement(range(100))) >= 0.95
+    assert min(agreement(range(200))) >= 0.95
 
 
 def test_learning_and_inspection_agree_on_the_rhythm():

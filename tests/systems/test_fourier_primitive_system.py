@@ -543,6 +543,16 @@ def test_tempo_of_zero_pauses_the_movement(system, start):
     assert np.ptp(motion[500:, 0], axis=0).max() > 0.01
 
 
+def test_blend_is_shorter_only_while_the_tempo_is_high(system, start):
+    simulator = simulator_at(system, start)
+    context, found = simulator.get_mutable_context(), []
+    for tempo, until in [(4.0, 2.0), (1.0, 4.0)]:
+        system.GetInputPort("tempo").FixValue(context, tempo)
+        simulator.AdvanceTo(until)
+        found.append(system.playback_state(context).blend_time)
+    assert found == pytest.approx([0.1, 0.4])
+
+
 @pytest.mark.parametrize("tempo", [-0.1, 4.5, np.nan])
 def test_tempo_that_cannot_be_is_refused(system, start, tempo):
     context = context_at(system, start)

@@ -218,6 +218,7 @@ class TrialSpec:
         if robot is not None:
             check_yaml(text, str(file), ExperimentError)
             name = Path(robot).resolve() if Path(robot).is_file() else robot
+            # Workers read this text: the robot replaces that of the file in it.
             root = yaml.compose(text, Loader=yaml.SafeLoader)
             items = root.value if isinstance(root, yaml.MappingNode) else []
             for key, value in items:
