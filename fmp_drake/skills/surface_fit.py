@@ -169,7 +169,7 @@ def _fit(points: Array, shape: str, up: Array) -> FittedSurface:
 
     def heights(x: Array) -> Array:
         # The height h solves g = h + k h^2 / 2; this is the numerically stable root.
-        q = Rotation.from_rotvec(x[:3]).apply(local) - [0.0, 0.0, x[3]]
+        q = local @ Rotation.from_rotvec(x[:3]).as_matrix().T - [0.0, 0.0, x[3]]
         k = sign * x[4]
         g = q[:, 2] + k / 2 * np.sum((is_curved * q) ** 2, axis=1)
         root: Array = np.sqrt(np.maximum(1 + 2 * k * g, 0.0))

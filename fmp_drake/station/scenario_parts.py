@@ -478,7 +478,7 @@ def load_settings(schema: type, text: str | bytes) -> Any:
         With a key that the dataclass does not have, or a value of another type.
     """
     check_yaml(text, "it", StationError)
-    _check_types(yaml.safe_load(text), schema())
+    _check_types(yaml.load(text, Loader=yaml.CSafeLoader), schema())
     return load_yaml(schema, text.decode() if isinstance(text, bytes) else text)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -298,7 +299,7 @@ class _Check:
 
     def _changes(self) -> Iterator[tuple[str, Scenario]]:
         """Yield changes of the start and the board, the smallest one first."""
-        changed = self._copy()
+        changed = deepcopy(self._scenario)
         changed.start = [0.0, 0.0, changed.start[2]]
         if changed.start != self._scenario.start:
             yield f"start at 0 0 {changed.start[2]:g}", changed
@@ -306,7 +307,7 @@ class _Check:
             self._paths, self._displacement, self._step, self._R_TE
         )
         for words, move in moves[:_MOVES]:
-            changed = self._copy()
+            changed = deepcopy(self._scenario)
             changed.board.translation = [*(np.array(changed.board.translation) + move)]
             yield words, changed
 
@@ -317,15 +318,12 @@ class _Check:
         values = self._values if is_same else None
         return _Check(scenario, self._skill, self._bounds, values)
 
-    def _copy(self) -> Scenario:
-        return ParseScenario(yaml_dump_typed(self._scenario))  # type: ignore[no-untyped-call]
-
     def _pace_remedy(self) -> str:
         """Return a text about tempo and normal force with which the check passes."""
         if self._is_far or not (self._slower or self._softer or self._firmer):
             return ""
         for factor in _FACTORS:
-            changed, words = self._copy(), []
+            changed, words = deepcopy(self._scenario), []
             if self._slower is not None:
                 changed.skill.tempo = max(
                     math.floor(20 * factor * self._slower) / 20, 0.05
