@@ -1,6 +1,7 @@
 """Facts about what Python code is told that uses the package wrongly."""
 
 import copy
+import functools
 import pickle
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,7 +33,11 @@ from fmp_drake.skills import learn_skill
 TIME = np.arange(0, 20, 0.05)
 CIRCLES = 0.1 * np.column_stack([np.cos(3 * TIME), np.sin(3 * TIME), 0 * TIME])
 NOT_FITTED = FourierMovementPrimitive()
-PLAYER = Player(FourierMovementPrimitive(rate=20.0).fit(CIRCLES))
+
+
+@functools.cache
+def player():
+    return Player(FourierMovementPrimitive(rate=20.0).fit(CIRCLES))
 
 
 def recording(**given):
@@ -89,9 +94,9 @@ WRONG = {
         lambda: recording(values=np.ma.masked_array(CIRCLES, CIRCLES > 0.09)),
         "some values are masked; leave them out",
     ),
-    "backwards": (lambda: PLAYER.start([0.1, 0, 0], tempo=-1.0), "tempo is -1.0; it"),
+    "backwards": (lambda: player().start([0.1, 0, 0], tempo=-1.0), "tempo is -1.0; it"),
     "advanced by NaN": (
-        lambda: PLAYER.advance(PLAYER.start([0.1, 0, 0]), np.nan),
+        lambda: player().advance(player().start([0.1, 0, 0]), np.nan),
         "seconds is nan s; it must be",
     ),
     "tempo of a path": (lambda: scale_tempo("a", 2.0), r"scale_tempo\(skill\) needs"),

@@ -12,15 +12,18 @@ R_TE = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
 DOME = Surface(kx=3.0, ky=3.0)
 UVH = np.array([0.1, -0.05, 0.02])
 VELOCITY = np.array([0.2, -0.3, 0.1])
-POSE = [1.0, 0.0, 0.0, 0.0, *place(DOME, UVH[None])[0]]
 
 
-def outputs(pose=POSE, *, caching=True):
+def position():
+    return place(DOME, UVH[None])[0]
+
+
+def outputs(quaternion=(1.0, 0.0, 0.0, 0.0), *, caching=True):
     system = SurfaceCoordinates(DOME, R_TE)
     context = system.CreateDefaultContext()
     if not caching:
         context.DisableCaching()
-    system.GetInputPort("measured_pose").FixValue(context, pose)
+    system.GetInputPort("measured_pose").FixValue(context, [*quaternion, *position()])
     system.GetInputPort("measured_velocity").FixValue(context, VELOCITY)
     return [
         system.GetOutputPort(n).Eval(context)
@@ -47,7 +50,7 @@ def test_outputs_are_those_of_the_surface(caching):
     expected = RotationMatrix(rotation(DOME, *UVH[:2])) @ R_TE
     assert_allclose(np.abs(orientation @ expected.ToQuaternion().wxyz()), 1, atol=1e-12)
     # The same orientation a moment later.
-    moved = np.array(POSE[4:]) + 1e-5 * VELOCITY
+    moved = position() + 1e-5 * VELOCITY
     later = (
         RotationMatrix(rotation(DOME, *project(DOME, moved, np.zeros(2))[:2])) @ R_TE
     )
@@ -56,7 +59,7 @@ def test_outputs_are_those_of_the_surface(caching):
 
 
 def test_orientation_of_the_tool_does_not_matter():
-    turned = outputs([0.0, 1.0, 0.0, 0.0, *POSE[4:]])
+    turned = outputs((0.0, 1.0, 0.0, 0.0))
     for one, other in zip(turned, outputs(), strict=True):
         assert_allclose(one, other)
 
