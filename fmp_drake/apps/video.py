@@ -9,6 +9,8 @@ import click
 from fmp_drake.apps.options import PATH, command, option
 from fmp_drake.apps.page import make_console, track_frames
 from fmp_drake.film.encode import convert_frames
+from fmp_drake.film.render import MAX_FPS
+from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.files import check_writable
 
 
@@ -16,7 +18,9 @@ from fmp_drake.primitives.data.files import check_writable
 class VideoOptions:
     """Film."""
 
-    fps: int = option(60, "Frames per second of the film.", above=0)
+    fps: int | None = option(
+        None, "Frames per second of the film [default: 60, in a .gif 50].", above=0
+    )
 
 
 @command(
@@ -31,6 +35,9 @@ def video(frames: Path, out: Path, to: VideoOptions) -> None:
 
     Needs the extra: pip install fmp-drake[video].
     """
-    check_writable(out)
-    convert_frames(frames, out, fps=to.fps, track=partial(track_frames, make_console()))
+    check_writable(out, "a film", [*MAX_FPS])
+    most = MAX_FPS[out.suffix.lower()]
+    fps = min(60.0, most) if to.fps is None else to.fps
+    check_number(fps, "fps", above=0, most=most, hint=f"in a {out.suffix}")
+    convert_frames(frames, out, fps=fps, track=partial(track_frames, make_console()))
     click.echo(f"wrote {out}")

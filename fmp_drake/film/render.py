@@ -29,7 +29,8 @@ from fmp_drake.systems.surface.surface import place
 FILM_SIGNALS = ("measured_position", "normal_force", "desired_normal_force")
 """Names of the signals that a run must keep for its film."""
 
-_MAX_FPS = {".mp4": 120.0, ".gif": 50.0}
+MAX_FPS = {".mp4": 120.0, ".gif": 50.0}
+"""Greatest numbers of frames per second, by the ending of a film's name."""
 _SUPERSAMPLING = 2  # Rendered pixels per pixel of a picture, along each edge.
 # Duration of the path behind the eraser, and between two of its points, s.
 _TRAIL_SECONDS, _TRAIL_STEP = 4.0, 0.02
@@ -152,9 +153,9 @@ def check_film(
     """
     if path is None:
         return
-    check_writable(path, "a film", [*_MAX_FPS], RunError)
+    check_writable(path, "a film", [*MAX_FPS], RunError)
     suffix = path.suffix.lower()
-    check_number(fps, "fps", above=0.0, most=_MAX_FPS[suffix], error=RunError)
+    check_number(fps, "fps", above=0.0, most=MAX_FPS[suffix], error=RunError)
     check_number(speed, "speed", above=0.0, error=RunError)
     if any(edge < 16 or edge > 4096 or edge % 2 for edge in size):
         raise RunError(

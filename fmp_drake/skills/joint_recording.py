@@ -18,7 +18,7 @@ from fmp_drake.station.scenario_parts import EraserConfig
 
 _MARGIN = 0.05  # rad
 # Words after and before the name of a joint that do not distinguish arms.
-_ANGLE = re.compile(r"[_./ ]?(pos(itions?)?|angles?)$")
+_ANGLE = re.compile(r"([_./ ]?(pos(itions?)?|angles?))?([_ ](in_)?(rad|deg))?$")
 _OF_A_ROBOT = re.compile(r"^((robot\d*|arm|observation|obs|state|measured)[_./])+")
 
 

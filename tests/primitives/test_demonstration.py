@@ -399,6 +399,18 @@ def test_csv_header_names_channels_and_units(tmp_path, header, channels, units):
     assert np.array_equal(loaded.values[:, 1], -np.arange(5.0))
 
 
+def test_channels_without_a_unit_keep_their_names_in_a_csv(tmp_path):
+    recording = Demonstration(
+        time=np.arange(20) / 20,
+        values=np.zeros((20, 2)),
+        channels=("x", "q[1]"),
+        units=("m", "1"),
+    )
+    recording.save(tmp_path / "a.csv")
+    read = Demonstration.load(tmp_path / "a.csv")
+    assert (read.channels, read.units) == (recording.channels, recording.units)
+
+
 def test_csv_time_may_be_any_column(tmp_path):
     text = "x,time\n" + "".join(f"{i},{i / 10}\n" for i in range(5))
     loaded = Demonstration.load(csv_file(tmp_path, text))

@@ -421,6 +421,7 @@ def ellipses(period, rate):
     ("period", "rate", "tempo", "model"),
     [
         (0.5, 20, 1.0, "phase"),
+        (0.6, 20, 1.0, "phase"),
         (0.5, 50, 4.0, "phase"),
         (1.0, 20, 4.0, "phase"),
         (2.5, 20, 5.0, "mixture"),

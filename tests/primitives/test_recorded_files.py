@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import recorded_files as files
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import FmpError
 from fmp_drake.primitives import Demonstration, ReadingOptions, read_demonstrations
@@ -444,6 +445,45 @@ def test_angles_beyond_two_revolutions_are_read_as_degrees(tmp_path):
     text = files.lines(files.TIME, angles[:, 1], header="time,joint_1 [rad]")
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert_allclose(found.values[:, 0], angles[:, 1], atol=1e-12)
+
+
+def test_a_rotation_vector_is_an_orientation(tmp_path):
+    swing = 0.2 * np.sin(files.TIME)
+    rotations = Rotation.from_euler(
+        "zx", np.column_stack([0 * swing + 0.3, np.pi + swing])
+    )
+    vectors = rotations.as_rotvec()
+    assert (
+        np.max(np.abs(np.diff(vectors, axis=0))) > 6
+    )  # It has half a turn in between.
+    text = files.lines(files.TIME, *vectors.T, header="time,rx,ry,rz")
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    errors = rotations_of(found.values, found.rotation_reference) * rotations.inv()
+    assert np.max(errors.magnitude()) < 1e-6
+    assert "rx, ry, rz read as a rotation vector" in remarks[0]
+
+
+def test_angles_that_jump_by_a_revolution_are_continued(tmp_path):
+    roll = 180 + 20 * np.sin(files.TIME)
+    text = files.lines(files.TIME, (roll + 180) % 360 - 180, header="time,roll [deg]")
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    turns = (found.values[:, 0] - np.deg2rad(roll)) / (2 * np.pi)
+    assert_allclose(turns, round(turns[0]), atol=1e-9)
+    assert "roll continued where they jump by a revolution" in remarks[0]
+
+
+def test_the_rate_that_is_advised_for_whole_seconds_is_the_rate(tmp_path):
+    rows = [f"{i // 100},{np.sin(0.02 * i)}" for i in range(2000)]
+    path = files.write(tmp_path, "\n".join(["time,x", *rows])).path
+    with pytest.raises(FmpError, match=r"--sample-rate 100$"):
+        read_demonstrations([path])
+
+
+def test_a_row_of_units_may_be_in_inches(tmp_path):
+    rows = [f"{t},{t},{2 * t},0" for t in files.TIME]
+    text = "\n".join(["time,x,y,z", "s,in,in,in", *rows])
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.values[:, 1], 0.0508 * files.TIME)
 
 
 def test_joints_of_a_dataset_have_one_unit(tmp_path):

@@ -72,6 +72,8 @@ def test_path_is_that_of_the_published_kinematics():
         ("joint{}_angle", 1),
         ("panda_joint{}/position", 1),
         ("observation.qpos_{}", 1),
+        ("panda_joint{}_deg", 1),
+        ("joint_{}_pos_in_rad", 0),
     ],
 )
 def test_joints_are_known_by_their_names(name, first):

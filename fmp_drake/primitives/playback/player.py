@@ -40,8 +40,9 @@ type Score = Callable[[Array], Array]
 _PUSH_TOLERANCE = 0.05
 # Variance of the force at a start, as a factor of that of the movement.
 _FORCE_VARIANCE = 1e6
-# Least time between two re-mappings in time constants of the offset. Circles of 0.5 to 2.5 s at
-# tempos of 1 to 8 keep their size with 4, and grow up to fifteenfold with 2 or 3.
+# Least time between two re-mappings, and least period, in time constants of the offset. Circles
+# of 0.5 to 2.5 s at tempos of 1 to 8 keep their size with 4, and grow up to fifteenfold with 2
+# or 3. Of a longer offset a movement of less than 2 s keeps a part at every re-mapping.
 _BLENDS = 5.0
 # Rounding error of a time, as a fraction of a tick.
 _ROUNDING = 1e-6
@@ -170,7 +171,8 @@ class Player:
         # The windows of a mixture may be far shorter than a cycle of its movement.
         self._longest_blend = self.blend_time
         if skill.phase_model_ is not None:
-            self._longest_blend = most_ticks * self.tick_seconds / _BLENDS
+            seconds = min(most_ticks * self.tick_seconds, skill.period_)
+            self._longest_blend = seconds / _BLENDS
         self.ticks_between_remaps = int(ticks)
         if target is not None:
             if sample:

@@ -170,7 +170,7 @@ def ordered_times(
         raise DemonstrationError(
             f"the time stays the same in {repeated} of {count} samples: it is too coarse. "
             "Give the sample rate instead: --sample-rate "
-            f"{_rate((time[-1] - time[0]) / count)}"
+            f"{_rate(interval * (count - repeated) / count)}"
         )
     if repeated:
         samples = count_text(repeated, "sample")
@@ -208,6 +208,8 @@ def _seconds(time: Array, stated_unit: str, source: str) -> tuple[Array, str]:
     unit = stated_unit
     if not unit and len(steps):
         step, start = float(np.median(steps)), abs(float(time[0]))
+        if 2 * len(steps) < len(time):  # Several samples have the same time.
+            step = float(np.ptp(time)) / len(time)
         since_epoch = [
             name
             for name, (least, most) in _EPOCHS.items()

@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.numeric import Array, Mask
@@ -11,6 +12,7 @@ from fmp_drake.primitives.data.channels import (
     FORCE_COMPONENTS,
     POSITION_CHANNELS,
     QUATERNION_CHANNELS,
+    ROTATION_CHANNELS,
     default_channels,
 )
 from fmp_drake.primitives.data.reading.clock import ordered_times, time_column
@@ -83,6 +85,8 @@ _LENGTH_ERROR = 0.1
 _LEAST_COMPLETE = 0.5
 # Greatest angle in rad, if it has no unit: two revolutions.
 _LARGEST_ANGLE = 4 * np.pi
+# Change of an angle from sample to sample that is a revolution less than it seems, rad.
+_JUMP = 1.5 * np.pi
 # Width of a path above which its unit is questioned, m.
 _WIDEST = 5.0
 
@@ -152,13 +156,15 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     complete = _complete_rows(values, channels, remarks)
     time, values = time[complete], values[complete]
     units = _to_standard_units(values, channels, options, remarks)
+    names = [*channels]
+    values = _continuous_angles(values, names, units, remarks)
     if gaps := np.count_nonzero(np.diff(time) > LONGEST_GAP):
         remarks.append(f"gaps of more than {LONGEST_GAP} s, not bridged: {gaps}")
-    if set(QUATERNION_CHANNELS) <= set(channels):
-        quaternions = [list(channels).index(name) for name in QUATERNION_CHANNELS]
+    if set(QUATERNION_CHANNELS) <= set(names):
+        quaternions = [names.index(name) for name in QUATERNION_CHANNELS]
         _check_quaternions(values[:, quaternions])
     return Table(
-        names=("time", *channels),
+        names=("time", *names),
         units=("s", *units),
         values=np.column_stack([time, values]),
         frame=table.frame,
@@ -247,6 +253,31 @@ def _to_standard_units(
         if names:
             remarks.append(f"{', '.join(names)} converted to {unit}")
     return list(units)
+
+
+def _continuous_angles(
+    values: Array, names: list[str], units: list[str], remarks: list[str]
+) -> Array:
+    """Return the values (N, C) without jumps by a revolution; change names and units.
+
+    A rotation vector becomes a quaternion. Other angles are unwrapped.
+    """
+    rotation = [i for i, name in enumerate(names) if name in ROTATION_CHANNELS]
+    if len(rotation) == 3 and all(units[i] == "rad" for i in rotation):
+        rotation = [names.index(name) for name in ROTATION_CHANNELS]
+        quaternions = Rotation.from_rotvec(values[:, rotation]).as_quat()
+        values = np.hstack([np.delete(values, rotation, axis=1), quaternions])
+        kept = [i for i in range(len(names)) if i not in rotation]
+        names[:] = [*(names[i] for i in kept), *QUATERNION_CHANNELS]
+        units[:] = [*(units[i] for i in kept), *["1"] * 4]
+        remarks.append(f"{', '.join(ROTATION_CHANNELS)} read as a rotation vector")
+    jumps = np.max(np.abs(np.diff(values, axis=0)), axis=0, initial=0.0)
+    wrapped = [i for i, unit in enumerate(units) if unit == "rad" and jumps[i] > _JUMP]
+    if wrapped:
+        values[:, wrapped] = np.unwrap(values[:, wrapped], axis=0)
+        listed = ", ".join(names[i] for i in wrapped)
+        remarks.append(f"{listed} continued where they jump by a revolution")
+    return values
 
 
 def _labels(columns: Sequence[Column]) -> tuple[str, ...]:

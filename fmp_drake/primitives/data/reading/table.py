@@ -146,7 +146,7 @@ def count_text(count: int, noun: str) -> str:
 
 def named_unit(header: str) -> tuple[str, str]:
     """Split a header into name and unit: `x [mm]`, `Time (s)`; "" without a unit."""
-    match = re.fullmatch(r"(.*?)[\s_]*[\[(](\D*?)[\])]\s*", header)
+    match = re.fullmatch(r"(.*?)[\s_]*[\[(](\D*?|(?<= \[)1)[\])]\s*", header)
     name, unit = match.groups() if match else (header, "")
     return name.strip(), unit_symbol(unit)
 

@@ -44,7 +44,9 @@ _MOST_BROKEN, _FEW = 0.01, 20
 _MOST_DELETED = 20
 # Greatest number of lines before the numbers.
 _LONGEST_PREAMBLE = 200
-_UNIT = re.compile(r"[\[(]?(|[numkcd]?s|[munc]?m|m?rad|deg|°|N|N/?m|-|m/s|rad/s)[\])]?")
+_UNIT = re.compile(
+    r"[\[(]?(|[numkcd]?s|[munc]?m|in|m?rad|deg|°|N|N/?m|-|m/s|rad/s)[\])]?"
+)
 # Names of columns of numbers that identify a sensor, and the greatest number of sensors.
 _SOURCE = re.compile(
     r"(.*_)?(device|sensor|source|marker|body|hand|controller|tracker|object|serial)"
