@@ -69,6 +69,7 @@ def record(to: RecordOptions) -> None:
         return
     end = _SETTLING_TIME + to.duration
     motion = HandMotion.make(to.task, duration=end + 1, seed=to.seed)
+    check_ending(to.out, has_rotation="rx" in motion.channels)
     panel = open_page(console, title=to.scenario, host=to.host) if to.page else None
     meshcat = None if panel is None else panel.meshcat
     hand = SimulatedHand(motion)

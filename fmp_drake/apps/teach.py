@@ -22,10 +22,10 @@ from fmp_drake.apps.options import (
 from fmp_drake.apps.page import ended_page, get_ready, make_console, open_page
 from fmp_drake.errors import StationError
 from fmp_drake.primitives import save_skill
-from fmp_drake.primitives.data.demonstration import check_ending
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs import ArmRun, TeachingSession
 from fmp_drake.runs.teach_page import TeachPage
+from fmp_drake.runs.teaching_session import check_names
 from fmp_drake.skills import learn_skill
 from fmp_drake.station import CheckFeasibility, MouseOnPage, WarmUp
 
@@ -67,8 +67,8 @@ def teach(to: TeachOptions) -> None:
     console = make_console()
     for path in (to.out, to.skill_file):
         check_writable(path)
-    check_ending(to.out)
     scene = to.load()
+    check_names(scene, to.out, to.skill_file)
     if to.arm is not None:
         config = arm_config(to.arm)
         demonstration = guide_arm(console, scene, config, to.duration or inf)

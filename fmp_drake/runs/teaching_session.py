@@ -2,8 +2,9 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -12,8 +13,15 @@ from scipy.spatial.transform import Rotation
 from fmp_drake.errors import FmpError, RunError
 from fmp_drake.numeric import Array
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, save_skill
-from fmp_drake.primitives.data.files import keep_earlier_files, numbered
+from fmp_drake.primitives.data.demonstration import check_ending
+from fmp_drake.primitives.data.files import (
+    check_writable,
+    is_numbered,
+    keep_earlier_files,
+    numbered,
+)
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
+from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.runs.guided_demonstrations import guided_demonstrations, hand_time
 from fmp_drake.runs.station_run import MakeRun, StationRun, WipingRun
 from fmp_drake.skills import learn_skill
@@ -44,6 +52,22 @@ _SLOW_RATE, _RATE_TIME = 0.9, 3.0
 _MIN_ROTATION = 0.1
 # Number of samples in a part of the drawing.
 _CHUNK = 20
+
+
+def check_names(scenario: Scenario, out: Path, skill_file: Path) -> None:
+    """Raise an error where a session cannot write its files with these names.
+
+    Raises
+    ------
+    FmpError
+        Where a demonstration would replace the skill, or an ending is wrong.
+    """
+    check_ending(out, has_rotation=not scenario.has_board)
+    check_writable(skill_file, "a skill", [".npz"])
+    if is_numbered(skill_file, out):
+        raise RunError(
+            f"{skill_file} is also the name of a demonstration; give the skill another one."
+        )
 
 
 class TeachingSession:
@@ -118,6 +142,7 @@ class TeachingSession:
         self._scenario, self._hand, self._panel = scenario, hand, panel
         self._meshcat = None if panel is None else panel.meshcat
         self._clock = clock
+        check_names(scenario, out, skill_file)
         self._out, self._skill_file = out, skill_file
         self.skill: FourierMovementPrimitive | None = None
         self.remark, self.is_done = "", True
@@ -282,6 +307,10 @@ class TeachingSession:
     def _press_play(self) -> None:
         if self.skill is None:
             raise RunError("there is no skill yet: learn first")
+        if self.shown:
+            raise RunError(
+                "what was shown would be lost: learn it, or discard it with again"
+            )
         self._play(self.skill, self._learned)
 
     def _press_teach(self) -> None:
@@ -317,6 +346,10 @@ class TeachingSession:
         self._saved = content
         self._saved_files = ", ".join(path.name for path in paths)
         self.remark = f"wrote {self._saved_files}"
+        if self.skill is not None and demonstrations != self._learned:
+            self.remark += (
+                f"; {self._skill_file.name} was learned from an earlier motion"
+            )
         if earlier_files:
             self.remark += f"; the earlier files are {', '.join(earlier_files)} now"
 
@@ -334,6 +367,7 @@ class TeachingSession:
             demonstrations,
             window=window,
             n_components=self._scenario.skill.n_components,
+            model=cast(ModelChoice, self._scenario.skill.model),
         )
         self._play(skill, demonstrations)
         self.remark = f"learned in {time.perf_counter() - started:.1f} s"
@@ -342,7 +376,10 @@ class TeachingSession:
                 "; no cycle was found in it: press more, and repeat the same movement"
             )
             self.is_done = False
-        feasibility = CheckFeasibility(self._scenario, skill)
+        # It starts where the eraser is, which may be in the felt.
+        x, y, z = map(float, self._output(self._position))
+        start = [x, y, max(z, 0.0) if self._scenario.has_board else z]
+        feasibility = CheckFeasibility(replace(self._scenario, start=start), skill)
         self.suggested_tempo = feasibility.suggested_tempo
         if not feasibility.is_feasible:
             self.remark += f"; {feasibility.verdict}"

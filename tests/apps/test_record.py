@@ -52,6 +52,7 @@ def test_seed_determines_the_recording_and_the_name_its_format(command, outputs)
         (("--task", "dance"), "wiping"),
         (("--scenario", "billiards"), "table_top"),
         (("--spin",), "--spin"),
+        (("--task", "stirring", "--out", "out.csv"), "reference of the rotation"),
     ],
 )
 def test_wrong_option_is_refused_in_one_line(refused, outputs, options, reason):

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from fmp_drake.errors import RunError
+from fmp_drake.errors import FmpError, RunError
 from fmp_drake.primitives import Demonstration, load_skill
-from fmp_drake.runs import TeachingSession
-from fmp_drake.station import LoadScenario, SimulatedHand
+from fmp_drake.runs import TeachingSession, teaching_session
+from fmp_drake.station import CheckFeasibility, LoadScenario, SimulatedHand
 from fmp_drake.systems import HandMotion
 
 MOTION = HandMotion.make("eight", duration=30.0, seed=0)
@@ -115,6 +116,42 @@ def test_movement_without_a_repeated_cycle_is_reported(taught):
     session.press("learn")
     assert session.skill.rhythm_ is not None
     assert "no cycle" not in session.remark
+
+
+def test_whether_the_arm_can_follow_is_asked_from_where_it_is(monkeypatch):
+    asked = []
+
+    def check(scenario, skill):
+        asked.append(scenario)
+        return CheckFeasibility(scenario, skill)
+
+    monkeypatch.setattr(teaching_session, "CheckFeasibility", check)
+    session = begin()
+    session.advance(2.2)
+    session.press("learn")
+    eraser = session.simulator.get_system().GetSubsystemByName("wiping_station")
+    context = eraser.GetMyContextFromRoot(session.simulator.get_context())
+    x, y, z = eraser.GetOutputPort("measured_position").Eval(context)
+    assert_allclose(asked[0].start, [x, y, max(z, 0.0)], atol=1e-12)
+    assert LoadScenario("table_top").start != asked[0].start
+
+
+@pytest.mark.parametrize(
+    ("scenario", "out", "skill_file", "message"),
+    [
+        ("stir", "a.csv", "s.npz", "no place for the reference of the rotation"),
+        ("table_top", "a.npz", "a.npz", "also the name of a demonstration"),
+        ("table_top", "a.npz", "a_2.npz", "also the name of a demonstration"),
+        ("table_top", "a.npz", "s.csv", "must end in .npz"),
+    ],
+)
+def test_files_that_cannot_be_written_are_refused_first(
+    scenario, out, skill_file, message, tmp_path
+):
+    out, skill_file = tmp_path / out, tmp_path / skill_file
+    hand = SimulatedHand(MOTION)
+    with pytest.raises(FmpError, match=message):
+        TeachingSession(LoadScenario(scenario), hand, out=out, skill_file=skill_file)
 
 
 def test_infeasibility_is_reported_after_learning():
@@ -231,3 +268,28 @@ def test_slow_machine_is_reported_and_the_rhythm_is_that_of_the_hand():
     assert "too slow to teach on (50 % of real time)" in session.status
     (shown,) = session.demonstrations
     assert shown.duration == pytest.approx(5.0, abs=0.3)
+
+
+def test_what_was_shown_is_not_lost_by_play(taught):
+    session, *_ = taught
+    if session.mode == "play":
+        session.press("teach")
+    session.advance(1.0)
+    (shown,) = session.shown
+    session.press("play")
+    assert session.mode == "teach"
+    assert "would be lost" in session.remark
+    assert np.array_equal(session.shown[0].values, shown.values)
+    session.press("again")
+    session.press("play")
+    assert session.mode == "play"
+
+
+def test_a_skill_of_an_earlier_motion_is_called_so(taught):
+    session, *_ = taught
+    if session.mode == "play":
+        session.press("teach")
+    session.advance(1.0)
+    session.press("save")
+    assert "skill.npz was learned from an earlier motion" in session.remark
+    session.press("again")

@@ -262,7 +262,7 @@ class Demonstration:
         reference it cannot hold.
         """
         path = Path(path)
-        check_ending(path)
+        check_ending(path, has_rotation=self.rotation_reference is not None)
         if path.suffix == ".csv":
             self._save_csv(path)
             return
@@ -270,11 +270,6 @@ class Demonstration:
         FORMAT.write(path, metadata, {"time": self.time, "values": self.values})
 
     def _save_csv(self, path: Path) -> None:
-        if self.rotation_reference is not None:
-            raise SkillFileError(
-                f"cannot write {path}: a .csv has no place for the reference of the "
-                "rotation channels; save an .npz."
-            )
         names = zip(self.channels, self.units, strict=True)
         with (
             replaced(path, SkillFileError) as part,
@@ -314,11 +309,16 @@ class Demonstration:
         return demonstrations[0]
 
 
-def check_ending(path: Path) -> None:
+def check_ending(path: Path, *, has_rotation: bool = False) -> None:
     """Raise an error for a file name that `Demonstration.save` does not support."""
     if path.suffix not in (".npz", ".csv"):
         raise SkillFileError(
             f"cannot write {path}: the name of a demonstration ends with .npz or .csv."
+        )
+    if has_rotation and path.suffix == ".csv":
+        raise SkillFileError(
+            f"cannot write {path}: a .csv has no place for the reference of the "
+            "rotation channels; save an .npz."
         )
 
 

@@ -4,6 +4,7 @@ import glob
 import itertools
 import json
 import os
+import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -156,6 +157,13 @@ def numbered(path: Path, count: int) -> list[Path]:
     """Return names for several files: `a.npz`, `a_2.npz`, `a_3.npz` ..."""
     names = [path.name, *(f"{path.stem}_{i}{path.suffix}" for i in range(2, count + 1))]
     return [path.with_name(name) for name in names[:count]]
+
+
+def is_numbered(path: Path, first: Path) -> bool:
+    """Return whether `numbered` may give a name to one of the files that begin with `first`."""
+    form = rf"{re.escape(first.stem)}(_\d+)?{re.escape(first.suffix)}"
+    is_beside = path.absolute().parent == first.absolute().parent
+    return is_beside and re.fullmatch(form, path.name) is not None
 
 
 def keep_earlier_files(series: Path, single: Path) -> list[str]:

@@ -164,15 +164,14 @@ class Player:
         self.blend_time = float(blend_time)
         self.tick_seconds = 1 / skill.rate
         most_ticks = skill.n_steps - skill.overlap
-        if skill.phase_model_ is not None:
-            most_ticks = max(1, most_ticks - closing_samples(skill.n_steps))
-        ticks = most_ticks if remap_ticks is None else remap_ticks
-        check_number(ticks, "remap_ticks", least=1, most=most_ticks, whole=True)
         # The windows of a mixture may be far shorter than a cycle of its movement.
         self._longest_blend = self.blend_time
         if skill.phase_model_ is not None:
-            seconds = min(most_ticks * self.tick_seconds, skill.period_)
-            self._longest_blend = seconds / _BLENDS
+            most_ticks = max(1, most_ticks - closing_samples(skill.n_steps))
+            longest = min(most_ticks * self.tick_seconds, skill.period_)
+            self._longest_blend = longest / _BLENDS
+        ticks = most_ticks if remap_ticks is None else remap_ticks
+        check_number(ticks, "remap_ticks", least=1, most=most_ticks, whole=True)
         self.ticks_between_remaps = int(ticks)
         if target is not None:
             if sample:
