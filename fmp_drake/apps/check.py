@@ -57,6 +57,7 @@ def check(
         reading=recording.reading(),
         **vars(learning),
     )
+    scene.check(scenario, skill)
     feasibility = CheckFeasibility(scenario, skill)
     for line in (*remarks, feasibility.verdict):
         console.print(line)

@@ -17,7 +17,8 @@ import click
 
 from fmp_drake.errors import FmpError
 from fmp_drake.numeric import check_number
-from fmp_drake.primitives import ReadingOptions
+from fmp_drake.primitives import FourierMovementPrimitive, ReadingOptions
+from fmp_drake.primitives.data.channels import FORCE_CHANNEL
 from fmp_drake.skills.surface_fit import SHAPES
 from fmp_drake.skills.surface_placement import EXTRA_CHANNELS
 from fmp_drake.station import LoadScenario, Scenario
@@ -339,6 +340,20 @@ class SceneOptions(ScenarioOptions):
             scenario.press.force = self.press_force
             scenario.check()
         return scenario
+
+    def check(self, scenario: Scenario, skill: FourierMovementPrimitive) -> None:
+        """Refuse a normal force where another one is played, or none."""
+        if self.press_force is None:
+            return
+        if not scenario.has_board:
+            raise FmpError(
+                "there is no board in this scenario; leave out --press-force."
+            )
+        if FORCE_CHANNEL in skill.channels_:
+            raise FmpError(
+                "the skill has its own normal force, in its channel "
+                f"{FORCE_CHANNEL}; leave out --press-force."
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -129,8 +129,16 @@ class ArmOptions:
     )
     real_time: bool = real_time_option()
 
-    def check(self) -> None:
-        """Check that options of an arm come with an arm."""
+    def check(self, play: PlayOptions) -> None:
+        """Check that options of an arm come with an arm, and those of a simulation do not."""
+        if (
+            self.arm
+            and (play.sample, play.seed, play.target_realtime_rate) != (None,) * 3
+        ):
+            raise RunError(
+                "--sample, --mean, --seed and --target-realtime-rate are for the simulated "
+                "arm; leave them out with --arm."
+            )
         options = (self.dry, self.go, self.controls, self.real_time)
         if self.arm is None and any(options):
             raise RunError(
@@ -158,7 +166,7 @@ def wipe(
     """Learn a skill from a demonstration and play it: wipe a board, or follow a motion."""
     console = make_console()
     files.check(of_arm=arm.arm is not None)
-    arm.check()
+    arm.check(play)
     scenario = scene.load()
     for part in page.hide:
         setattr(scenario.show, part, False)
@@ -180,6 +188,7 @@ def wipe(
             reading=recording.reading(),
             **vars(learning),
         )
+        scene.check(scenario, skill)
         learn_seconds = time.perf_counter() - start
         for text in (
             *remarks,

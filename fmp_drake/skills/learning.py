@@ -93,6 +93,20 @@ def scenario_skill(
     if skill_file is None and config.file and not demonstrations:
         skill_file = Path(config.file)
     if skill_file is not None:
+        of_learning = {
+            "--window": window,
+            "--n-components": n_components,
+            "--transform": transform,
+            "--stretch": None if stretch == 1.0 else stretch,
+            "--surface": surface,
+            "--extra": extra or None,
+            "those of a recording": None if reading == ReadingOptions() else reading,
+        }
+        if given := [name for name, value in of_learning.items() if value is not None]:
+            raise RunError(
+                f"{skill_file} is a skill, learned already: leave out options of learning "
+                f"({', '.join(given)})."
+            )
         skill, remarks = load_skill(skill_file), [f"loaded {skill_file}"]
         if not skill.paths_:
             remarks.append(

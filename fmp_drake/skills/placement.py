@@ -231,6 +231,11 @@ def load_on_board(
         demonstrations, remarks = load_as_recorded(
             paths, stretch=stretch, reading=reading
         )
+        if any(d.frame == "board" for d in demonstrations):
+            raise DemonstrationError(
+                "a recording is relative to its board already (u, v and height), so no "
+                "surface can be fitted to it; leave out --surface."
+            )
         demonstrations, notes = place_on_fitted_surface(
             demonstrations,
             scenario=scenario,

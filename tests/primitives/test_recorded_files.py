@@ -5,6 +5,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -726,6 +727,34 @@ def test_arm_is_read_where_a_gripper_is_on_the_same_topic(first, tmp_path):
     assert found.channels == tuple(f"panda_joint{i}" for i in range(1, 8))
     assert_allclose(found.values, files.JOINTS[1 - first :: 2], atol=1e-12)
     assert "gripper left out" in " ".join(remarks)
+
+
+def test_a_frame_of_a_tree_of_transforms_is_read(tmp_path):
+    pytest.importorskip("rosbags")
+    types = files.typestore(2).types
+
+    def transforms(*names):
+        def message(k):
+            all_of_them = [
+                replace(files.transform_stamped(2, k), child_frame_id=n) for n in names
+            ]
+            return types["tf2_msgs/msg/TFMessage"](transforms=all_of_them)
+
+        return message
+
+    one = files.bag(tmp_path / "one", {"/tf": transforms("tool")}, storage="SQLITE3")
+    (found,), _ = read_demonstrations([one], ReadingOptions(topic="/tf"))
+    assert_allclose(found.values[:, :3], files.PATH, atol=1e-9)
+    assert found.rotation_reference is not None
+    two = files.bag(
+        tmp_path / "two", {"/tf": transforms("tool", "cup")}, storage="SQLITE3"
+    )
+    with pytest.raises(FmpError, match=r"frames cup, tool; .* --topic /tf:cup$"):
+        read_demonstrations([two], ReadingOptions(topic="/tf"))
+    with pytest.raises(FmpError, match=r"frames cup, tool; choose"):
+        read_demonstrations([two], ReadingOptions(topic="/tf:pan"))
+    (found,), _ = read_demonstrations([two], ReadingOptions(topic="/tf:tool"))
+    assert_allclose(found.values[:, :3], files.PATH, atol=1e-9)
 
 
 def test_a_bag_begins_with_its_earliest_message(tmp_path):

@@ -44,7 +44,8 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
     path : Path
         A ROS 1 or MCAP file, or the folder or the database of a ROS 2 bag.
     options : ReadingOptions
-        Its topic is read; "" for the only topic with the position of a robot.
+        Its topic is read; "" for the only topic with the position of a robot. A topic of
+        transforms is followed by one of their child frames: ``/tf:tool``.
 
     Raises
     ------
@@ -67,8 +68,9 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
         readable(path, "a bag", hint=hint),
         AnyReader([path], default_typestore=types) as reader,
     ):
+        requested, _, child = options.topic.partition(":")
         source = _topic(
-            path, {c.topic: c.msgtype for c in reader.connections}, options.topic
+            path, {c.topic: c.msgtype for c in reader.connections}, requested
         )
         connections = [c for c in reader.connections if c.topic == source]
         count = sum(c.msgcount for c in connections)
@@ -81,9 +83,17 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
         kinds: dict[tuple[str, ...], list[tuple[float, ...]]] = {}
         stamps: list[int] = []
         received: list[int] = []
-        frame = ""
+        frame, children = "", set[str]()
         for connection, receipt, raw in reader.messages(connections=connections):
             message = reader.deserialize(raw, connection.msgtype)
+            if hasattr(message, "transforms"):  # Of a tree of frames, as in /tf.
+                frames = {t.child_frame_id: t for t in message.transforms}
+                children |= frames.keys()
+                if len(children) > 1 and not child:
+                    continue
+                message = frames.get(child or min(children))
+                if message is None:
+                    continue
             header = getattr(message, "header", None)
             stamp = getattr(header, "stamp", None)
             stamps.append(0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec)
@@ -92,10 +102,15 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
             numbers = dict(_numbers(message))
             rows = kinds.setdefault(tuple(numbers), [])
             rows.append((len(received) - 1, *numbers.values()))
+    if children and (not kinds or (not child and len(children) > 1)):
+        raise SkillFileError(
+            f"{path}: {source} has the frames {', '.join(sorted(children))}; choose one "
+            f"with --topic, such as --topic {source}:{min(children)}"
+        )
     if not any(kinds):
         raise SkillFileError(
             f"{path}: {source} has no message with numbers; of joint states only "
-            "positions are read."
+            "positions are read, and no lists of messages but transforms."
         )
     names, index, values = _largest_kind(kinds)
     omissions = sorted({name for kind in kinds for name in kind} - set(names))
