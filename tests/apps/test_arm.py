@@ -52,6 +52,7 @@ def test_arm_names_a_bus_or_a_file(tmp_path):
             ["--arm", "lcm:memq://", "--html", "page.html"],
             "only --report can be written",
         ),
+        (["--arm", "lcm:memq://", "--mean"], "--sample, --mean, --seed and"),
         (["--arm", "ros"], "expected lcm"),
         (["--arm", "lcm:memq://"], "no terminal in which to enable the arm"),
         (["--arm", "lcm:no bus", "--go"], "there is no bus 'no bus'"),

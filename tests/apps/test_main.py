@@ -51,6 +51,12 @@ SCRIPT = Path(sys.executable).parent / "fmp-drake"
         (("--demo", "nowhere.npz"), "nowhere.npz"),
         (("--skill", "nowhere.npz"), "nowhere.npz"),
         (("--demo", "a.npz", "--skill", "b.npz"), "not both"),
+        (
+            ("--skill", "b.npz", "--stretch", 2, "--unit", "mm"),
+            "leave out options of l",
+        ),
+        (("--scenario", "pulsing_force", "--press-force", 3), "its own normal force"),
+        (("--scenario", "stir", "--press-force", 3), "there is no board"),
         (("--spin",), "--spin"),
         (("pushed.yaml",), "did you mean --scenario pushed.yaml?"),
     ],

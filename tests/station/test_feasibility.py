@@ -85,6 +85,19 @@ def test_board_too_far_or_too_near_is_refused_and_the_move_helps(
     assert check(bundled_skill, x=moved).is_feasible
 
 
+def test_a_slower_tempo_is_found_where_only_a_smaller_force_is_not_enough(
+    bundled_skill,
+):
+    scenario = LoadScenario("tilted", robot="iiwa14")
+    scenario.press.force = 60.0
+    found = CheckFeasibility(scenario, bundled_skill)
+    assert re.search(r"press with at most 30 N and slow down to tempo", found.verdict)
+    scenario.press.force = found.suggestion["press_force"]
+    assert not CheckFeasibility(scenario, bundled_skill).is_feasible
+    scenario.skill.tempo = found.suggestion["tempo"]
+    assert CheckFeasibility(scenario, bundled_skill).is_feasible
+
+
 @pytest.mark.parametrize(
     "translation",
     [[0.97, 0.0, 0.1], [0.55, 0.45, 0.1], [0.55, 0.0, 0.6]],

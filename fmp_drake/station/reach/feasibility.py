@@ -59,8 +59,8 @@ class Feasibility:
         ``tracking_error`` (rms, m); ``force_error`` (rms, N), and ``unsteady_fraction`` of
         the samples at which such joints and poses out of reach change the normal force by
         more than 5 N; ``push_deviation``, the height to which scripted pushes lift the
-        eraser off the board (m); and the ``largest_tempo`` and ``largest_press`` (N) with
-        which the check passes.
+        eraser off the board (m); the ``largest_tempo`` at which no joint is braked, and the
+        ``largest_press`` (N) that friction and the joints' torques allow.
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
         no clearance, friction and normal force; the angle needs rotation channels.
     start : array, shape (3,)
@@ -251,14 +251,11 @@ class _Check:
             lag, turn, error, float(values["largest_tempo"])
         )
         values |= self._judge_pushes(motion)
-        ratios = [
-            f"{100 * values[name]:.0f} %"
-            for name in ("largest_speed_ratio", "largest_torque_ratio")
-        ]
+        speed, torque = values["largest_speed_ratio"], values["largest_torque_ratio"]
         verdict = (
             "The arm can follow this skill: it stays "
-            f"{values['smallest_joint_margin']:.2f} rad from its joints' limits and "
-            f"needs up to {ratios[0]} of their speed and {ratios[1]} of their torque."
+            f"{values['smallest_joint_margin']:.2f} rad from its joints' limits and needs up "
+            f"to {100 * speed:.0f} % of their speed and {100 * torque:.0f} % of their torque."
         )
         if self._faults:
             verdict = f"The arm cannot follow this skill: {'; '.join(self._faults)}."
@@ -313,35 +310,38 @@ class _Check:
 
     def _changed_to(self, scenario: Scenario) -> "_Check":
         """Return the check of a changed scenario, with the same samples if it plays them."""
-        mine = self._scenario
+        mine, values = self._scenario, self._values
         is_same = scenario.skill == mine.skill and scenario.start == mine.start
-        values = self._values if is_same else None
-        return _Check(scenario, self._skill, self._bounds, values)
+        return _Check(scenario, self._skill, self._bounds, values if is_same else None)
 
     def _pace_remedy(self) -> str:
         """Return a text about tempo and normal force with which the check passes."""
         if self._is_far or not (self._slower or self._softer or self._firmer):
             return ""
         for factor in _FACTORS:
-            changed, words = deepcopy(self._scenario), []
+            changed, words, pace = deepcopy(self._scenario), [], dict[str, Any]()
             if self._slower is not None:
-                changed.skill.tempo = max(
-                    math.floor(20 * factor * self._slower) / 20, 0.05
-                )
-                words.append(f"slow down to tempo {changed.skill.tempo:.2f}")
+                pace["tempo"] = max(math.floor(20 * factor * self._slower) / 20, 0.05)
+                words.append(f"slow down to tempo {pace['tempo']:.2f}")
             if self._softer is not None:
-                changed.press.force = float(math.floor(factor * self._softer))
-                words.append(f"press with at most {changed.press.force:.0f} N")
+                pace["press_force"] = float(math.floor(factor * self._softer))
+                words.append(f"press with at most {pace['press_force']:.0f} N")
             elif self._firmer is not None:
-                changed.press.force = float(math.ceil(self._firmer / factor))
-                words.append(f"press with at least {changed.press.force:.0f} N")
+                pace["press_force"] = float(math.ceil(self._firmer / factor))
+                words.append(f"press with at least {pace['press_force']:.0f} N")
+            changed.press.force = pace.get("press_force", changed.press.force)
+            changed.skill.tempo = pace.get("tempo", changed.skill.tempo)
             if changed.inconsistency():  # The felt may not bear the normal force.
                 continue
-            if self._changed_to(changed).result().is_feasible:
-                if self._slower is not None:
-                    self._changed_pace["tempo"] = changed.skill.tempo
-                if self._softer is not None or self._firmer is not None:
-                    self._changed_pace["press_force"] = changed.press.force
+            check = self._changed_to(changed)
+            is_enough = check.result().is_feasible
+            # Joints that are too fast are only seen with a force that they can bear.
+            if not is_enough and self._slower is None and check._slower is not None:
+                words.append(check._pace_remedy())
+                pace |= check._changed_pace
+                is_enough = [*check._changed_pace] == ["tempo"]
+            if is_enough:
+                self._changed_pace = pace
                 return " and ".join(words)
         return ""
 
