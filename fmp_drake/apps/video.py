@@ -35,8 +35,8 @@ def video(frames: Path, out: Path, to: VideoOptions) -> None:
 
     Needs the extra: pip install fmp-drake[video].
     """
-    check_writable(out, "a film", [*MAX_FPS])
-    most = MAX_FPS[out.suffix.lower()]
+    check_writable(out, "a film", [*MAX_FPS, ".mov", ".mkv"])
+    most = MAX_FPS.get(out.suffix.lower(), MAX_FPS[".mp4"])
     fps = min(60.0, most) if to.fps is None else to.fps
     check_number(fps, "fps", above=0, most=most, hint=f"in a {out.suffix}")
     convert_frames(frames, out, fps=fps, track=partial(track_frames, make_console()))

@@ -90,12 +90,25 @@ def test_invalid_archive_of_frames_is_refused(refused, tmp_path, outputs):
     assert list(outputs.iterdir()) == []
 
 
+def test_frames_of_a_gif_last_what_every_player_can_show(command, make_frames, outputs):
+    film = outputs / "film.gif"
+    assert command("video", make_frames(), film).code == 0
+    with Image.open(film) as frames:
+        durations = []
+        for i in range(frames.n_frames):
+            frames.seek(i)
+            durations.append(frames.info["duration"])
+    assert durations == [20] * FRAMES
+
+
 @pytest.mark.usefixtures("ffmpeg")
 def test_wrong_options_are_refused(refused, make_frames, outputs, tmp_path):
     frames, film = make_frames(), outputs / "film.mp4"
     assert "fps is 0" in refused("video", frames, film, "--fps", 0)
     assert "there is no folder" in refused("video", frames, tmp_path / "no" / "f.mp4")
     assert "film.xyz" in refused("video", frames, outputs / "film.xyz")
+    fast = ("--fps", 60)
+    assert "at most 50" in refused("video", frames, outputs / "film.gif", *fast)
     assert list(outputs.iterdir()) == []
 
 

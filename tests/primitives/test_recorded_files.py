@@ -753,6 +753,10 @@ def test_a_frame_of_a_tree_of_transforms_is_read(tmp_path):
         read_demonstrations([two], ReadingOptions(topic="/tf"))
     with pytest.raises(FmpError, match=r"frames cup, tool; choose"):
         read_demonstrations([two], ReadingOptions(topic="/tf:pan"))
+    tool = {"/tool": lambda k: files.transform_stamped(2, k)}
+    other = files.bag(tmp_path / "other", tool, storage="SQLITE3")
+    with pytest.raises(FmpError, match=r"no frames to choose from; give --topic /tool"):
+        read_demonstrations([other], ReadingOptions(topic="/tool:cup"))
     (found,), _ = read_demonstrations([two], ReadingOptions(topic="/tf:tool"))
     assert_allclose(found.values[:, :3], files.PATH, atol=1e-9)
 

@@ -102,6 +102,10 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
             numbers = dict(_numbers(message))
             rows = kinds.setdefault(tuple(numbers), [])
             rows.append((len(received) - 1, *numbers.values()))
+    if child and not children:
+        raise SkillFileError(
+            f"{path}: {source} has no frames to choose from; give --topic {source}."
+        )
     if children and (not kinds or (not child and len(children) > 1)):
         raise SkillFileError(
             f"{path}: {source} has the frames {', '.join(sorted(children))}; choose one "
