@@ -65,8 +65,7 @@ def teach(to: TeachOptions) -> None:
     With --arm a real arm is taught by hand.
     """
     console = make_console()
-    for path in (to.out, to.skill_file):
-        check_writable(path)
+    check_writable(to.out)
     scene = to.load()
     check_names(scene, to.out, to.skill_file)
     if to.arm is not None:

@@ -38,6 +38,6 @@ def video(frames: Path, out: Path, to: VideoOptions) -> None:
     check_writable(out, "a film", [*MAX_FPS, ".mov", ".mkv"])
     most = MAX_FPS.get(out.suffix.lower(), MAX_FPS[".mp4"])
     fps = min(60.0, most) if to.fps is None else to.fps
-    check_number(fps, "fps", above=0, most=most, hint=f"in a {out.suffix}")
+    check_number(fps, "fps", most=most, hint=f"in a {out.suffix}")
     convert_frames(frames, out, fps=fps, track=partial(track_frames, make_console()))
     click.echo(f"wrote {out}")

@@ -131,10 +131,8 @@ class ArmOptions:
 
     def check(self, play: PlayOptions) -> None:
         """Check that options of an arm come with an arm, and those of a simulation do not."""
-        if (
-            self.arm
-            and (play.sample, play.seed, play.target_realtime_rate) != (None,) * 3
-        ):
+        of_simulation = (play.sample, play.seed, play.target_realtime_rate)
+        if self.arm and any(value is not None for value in of_simulation):
             raise RunError(
                 "--sample, --mean, --seed and --target-realtime-rate are for the simulated "
                 "arm; leave them out with --arm."

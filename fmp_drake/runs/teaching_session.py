@@ -60,7 +60,8 @@ def check_names(scenario: Scenario, out: Path, skill_file: Path) -> None:
     Raises
     ------
     FmpError
-        Where a demonstration would replace the skill, or an ending is wrong.
+        Where the skill has no folder, a demonstration would replace it, or an ending is
+        wrong.
     """
     check_ending(out, has_rotation=not scenario.has_board)
     check_writable(skill_file, "a skill", [".npz"])

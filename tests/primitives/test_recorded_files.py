@@ -454,9 +454,8 @@ def test_a_rotation_vector_is_an_orientation(tmp_path):
         "zx", np.column_stack([0 * swing + 0.3, np.pi + swing])
     )
     vectors = rotations.as_rotvec()
-    assert (
-        np.max(np.abs(np.diff(vectors, axis=0))) > 6
-    )  # It has half a turn in between.
+    # The angle passes half a turn, where the vector changes its sign.
+    assert np.max(np.abs(np.diff(vectors, axis=0))) > 6
     text = files.lines(files.TIME, *vectors.T, header="time,rx,ry,rz")
     (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
     errors = rotations_of(found.values, found.rotation_reference) * rotations.inv()

@@ -31,6 +31,12 @@ def place(session):
     return np.split(np.array(station.GetOutputPort("state").Eval(context)), 2)
 
 
+def switch(session, mode):
+    """Press the button of a mode, unless the session is in it."""
+    if session.mode != mode:
+        session.press(mode)
+
+
 @pytest.fixture(scope="module")
 def taught(tmp_path_factory):
     """A session that has learned and plays, and where its arm was before."""
@@ -177,8 +183,7 @@ def test_taught_skill_is_saved_and_cleans_the_board(taught):
 
 def test_it_alternates_between_teaching_and_playing(taught):
     session, *_ = taught
-    if session.mode == "teach":
-        session.press("play")
+    switch(session, "play")
     skill = session.skill
     for _ in range(2):
         session.advance(0.1)
@@ -194,8 +199,7 @@ def test_it_alternates_between_teaching_and_playing(taught):
 
 def test_more_is_learned_together_with_the_first(taught):
     session, *_ = taught
-    if session.mode == "play":
-        session.press("teach")
+    switch(session, "teach")
     session.advance(2.4)
     session.press("learn")
     windows = session.skill.n_windows_
@@ -234,8 +238,7 @@ def test_save_keeps_the_files_of_an_earlier_session(tmp_path):
 
 def test_a_new_movement_does_not_take_the_place_of_a_saved_one(taught):
     session, _, _, folder = taught
-    if session.mode == "teach":
-        session.press("play")
+    switch(session, "play")
     session.press("save")
     before = Demonstration.load(folder / "shown.npz")
     session.press("teach")
@@ -272,8 +275,7 @@ def test_slow_machine_is_reported_and_the_rhythm_is_that_of_the_hand():
 
 def test_what_was_shown_is_not_lost_by_play(taught):
     session, *_ = taught
-    if session.mode == "play":
-        session.press("teach")
+    switch(session, "teach")
     session.advance(1.0)
     (shown,) = session.shown
     session.press("play")
@@ -287,8 +289,7 @@ def test_what_was_shown_is_not_lost_by_play(taught):
 
 def test_a_skill_of_an_earlier_motion_is_called_so(taught):
     session, *_ = taught
-    if session.mode == "play":
-        session.press("teach")
+    switch(session, "teach")
     session.advance(1.0)
     session.press("save")
     assert "skill.npz was learned from an earlier motion" in session.remark

@@ -114,7 +114,7 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
     if not any(kinds):
         raise SkillFileError(
             f"{path}: {source} has no message with numbers; of joint states only "
-            "positions are read, and no lists of messages but transforms."
+            "positions are read, of lists of messages only transforms."
         )
     names, index, values = _largest_kind(kinds)
     omissions = sorted({name for kind in kinds for name in kind} - set(names))

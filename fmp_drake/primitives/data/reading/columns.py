@@ -262,9 +262,8 @@ def _continuous_angles(
 
     A rotation vector becomes a quaternion. Other angles are unwrapped.
     """
-    rotation = [i for i, name in enumerate(names) if name in ROTATION_CHANNELS]
-    if len(rotation) == 3 and all(units[i] == "rad" for i in rotation):
-        rotation = [names.index(name) for name in ROTATION_CHANNELS]
+    rotation = [names.index(name) for name in ROTATION_CHANNELS if name in names]
+    if [units[i] for i in rotation] == ["rad"] * 3:
         quaternions = Rotation.from_rotvec(values[:, rotation]).as_quat()
         values = np.hstack([np.delete(values, rotation, axis=1), quaternions])
         kept = [i for i in range(len(names)) if i not in rotation]
