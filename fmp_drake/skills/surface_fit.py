@@ -20,8 +20,9 @@ _SCALE = 0.005
 # Standard deviation of a normal distribution, in medians of its absolute values.
 _TO_SIGMA = 1.4826
 # Ratio of residuals below which the less simple shape is taken, and the least gain, m: smaller
-# ones are within the error of a recorded contact.
+# ones are within the error of a recorded contact. The same of tilts, the least gain in rad.
 _BETTER, _LEAST_GAIN = 0.8, 3e-4
+_LESS_TILT, _LEAST_TILT = 0.5, 0.05
 # Range of the radii of cylinders, domes and bowls, and initial radii of the search, m.
 _RADII, _STARTS = (0.05, 5.0), (0.15, 0.5, 2.0)
 _SAMPLES, _LEAST_SAMPLES = 1000, 20
@@ -76,6 +77,16 @@ class FittedSurface:
             near = out[i, :2]
         return out
 
+    def tilt(self, points: Array, tool: Rotation) -> float:
+        """Return how much a tool at points (N, 3) tilts, rms from its mean direction, rad.
+
+        Its rotation R_DT about the normal does not count.
+        """
+        uvh = self.coordinates(points)
+        normals = self.rotation @ surfaces.rotations(self.curvature, uvh)[:, :, 2:]
+        in_tool = tool.apply(normals[:, :, 0], inverse=True)
+        return float(np.sqrt(np.sum(np.var(in_tool, axis=0))))
+
     def describe(self) -> str:
         """Return the shape and the residuals in words."""
         radius = "" if self.shape == "plane" else f" of radius {self.radius:.3f} m"
@@ -84,13 +95,18 @@ class FittedSurface:
 
 
 def fit_surface(
-    points: Sequence[Array], touching: Sequence[Mask], *, shape: str | None = None
+    points: Sequence[Array],
+    touching: Sequence[Mask],
+    *,
+    tools: Sequence[Rotation] = (),
+    shape: str | None = None,
 ) -> FittedSurface:
     """Fit a surface to the points of recordings that touch it.
 
     A plane is chosen unless the residual of a cylinder is smaller by a fifth; the same
-    applies to a cylinder and a sphere. The loss is robust, so a few of the points may
-    be lifts.
+    applies to a cylinder and a sphere. Where shapes fit about equally, because the path is
+    a line on each of them, that over which the tool tilts far less is chosen. The loss is
+    robust, so a few of the points may be lifts.
 
     Parameters
     ----------
@@ -99,6 +115,8 @@ def fit_surface(
     touching : sequence of ndarray of bool, shape (N,)
         Whether the tool touches. The normal points to the side of the other points, or
         up (z of D) where there are none.
+    tools : sequence of Rotation, optional
+        Orientations R_DT of the tool at the points (N).
     shape : str, optional
         One of `SHAPES`, instead of the choice.
 
@@ -124,16 +142,25 @@ def fit_surface(
             "the contact is a point or a line, so its surface is not determined; give the "
             "transform to the board instead."
         )
-    sample = contact[:: len(contact) // _SAMPLES + 1]
+    step = len(contact) // _SAMPLES + 1
+    sample = contact[::step]
     up = _upwards(sample, others)
     tried = [_fit(sample, s, up) for s in SHAPES if shape in (None, s) or s == "plane"]
     residuals = {candidate.shape: candidate.residual for candidate in tried}
     chosen = tried[0] if shape is None else tried[-1]
     if shape is None:
         for candidate in tried[1:]:
-            known = chosen.residual
-            if candidate.residual < min(_BETTER * known, known - _LEAST_GAIN):
+            if _is_better(candidate, chosen):
                 chosen = candidate
+        if tools:
+            held = [r[m] for r, m in zip(tools, touching, strict=True)]
+            tool = Rotation.concatenate(held)[::step]
+            equal = [c for c in tried if c is chosen or not _is_better(chosen, c)]
+            tilts = {c.shape: c.tilt(sample, tool) for c in equal}
+            least = min(equal, key=lambda c: tilts[c.shape])
+            known = tilts[chosen.shape]
+            if tilts[least.shape] < min(_LESS_TILT * known, known - _LEAST_TILT):
+                chosen = least
     limit = _MOST_RESIDUAL * 2 * extents[1] / np.sqrt(len(contact))
     if chosen.residual > limit:
         raise DemonstrationError(
@@ -142,6 +169,12 @@ def fit_surface(
             "the recording to the part that touches one surface."
         )
     return _centred(chosen, contact, residuals)
+
+
+def _is_better(fit: FittedSurface, other: FittedSurface) -> bool:
+    """Return whether the residual of a fit is smaller beyond the error of a contact."""
+    known = other.residual
+    return fit.residual < min(_BETTER * known, known - _LEAST_GAIN)
 
 
 def _surface(shape: str, k: float) -> Surface:

@@ -223,7 +223,10 @@ def _fit(
     """Fit a surface to the contact of recordings."""
     points = [d.select(POSITION_CHANNELS).values for d in demonstrations]
     contacts = [_contact(d, **rhythm) for d in demonstrations]
-    return fit_surface(points, [c.touching for c in contacts], shape=shape), contacts
+    touching = [c.touching for c in contacts]
+    is_turned = all(d.rotation_reference is not None for d in demonstrations)
+    tools = [_recorded_rotations(d) for d in demonstrations] if is_turned else []
+    return fit_surface(points, touching, tools=tools, shape=shape), contacts
 
 
 def _bouts(demonstration: Demonstration, in_bout: Mask) -> list[Demonstration]:
@@ -391,17 +394,22 @@ def _orientation(
     demonstration: Demonstration, fit: FittedSurface, uvh: Array, contact: _Contact
 ) -> Array:
     """Return rotation vectors relative to the local normal, about their mean in contact."""
-    reference = demonstration.rotation_reference
-    if reference is None:
+    if demonstration.rotation_reference is None:
         raise DemonstrationError(
             f"the channels are {', '.join(demonstration.channels)}; an orientation needs a "
             "quaternion (--columns qx=NAME,qy=NAME,qz=NAME,qw=NAME)."
         )
-    recorded = rotations_of(demonstration.select(ROTATION_CHANNELS).values, reference)
+    recorded = _recorded_rotations(demonstration)
     R_DT = fit.rotation @ surfaces.rotations(fit.curvature, uvh)
     relative = Rotation.from_matrix(R_DT).inv() * recorded
     mean = mean_rotation(relative[contact.touching])
     return rotation_vectors(relative, mean)
+
+
+def _recorded_rotations(demonstration: Demonstration) -> Rotation:
+    """Return the orientations R_DT of a demonstration that has them."""
+    vectors = demonstration.select(ROTATION_CHANNELS).values
+    return rotations_of(vectors, demonstration.rotation_reference)
 
 
 def _flatten(vectors: Array, touching: Mask, scenario: Scenario) -> tuple[float, str]:

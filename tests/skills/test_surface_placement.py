@@ -113,6 +113,21 @@ def test_plane_is_preferred_to_a_curvature_within_the_noise():
     assert "residuals in mm: plane" in fit.describe()
 
 
+@pytest.mark.parametrize("shape", ["cylinder", "dome", "bowl"])
+def test_shapes_that_share_the_path_are_told_by_the_tool(shape):
+    angle = np.arange(0, 24, 0.05) * np.pi
+    uvh = np.column_stack([0.1 * np.cos(angle), 0.06 * np.sin(angle), 0 * angle])
+    noise = np.random.default_rng(0).normal(0, 5e-4, uvh.shape)
+    points = R_DS.apply(place(SURFACES[shape], uvh) + noise) + P_DS
+    on = np.ones(len(points), dtype=bool)
+    assert fit_surface([points], [on]).shape == "cylinder"
+    turn = Rotation.from_rotvec(0.3 * np.sin(3 * angle)[:, None] * [0.0, 0.0, 1.0])
+    tool = R_DS * Rotation.from_matrix(rotations(SURFACES[shape], uvh)) * turn * MOUNT
+    fit = fit_surface([points], [on], tools=[tool])
+    assert fit.shape == shape
+    assert fit.tilt(points, tool) < np.radians(3)
+
+
 def test_shape_of_the_surface_may_be_given():
     *_, on, points = wiping("dome")
     assert fit_surface([points], [on], shape="plane").shape == "plane"
