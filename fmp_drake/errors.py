@@ -13,6 +13,10 @@ class SkillError(FmpError, ValueError):
     """A request that a skill cannot meet: bad parameters, times or targets."""
 
 
+class NoPhaseError(SkillError, AttributeError):
+    """A property of the cycle of a skill without a phase model: it has no such attribute."""
+
+
 class SkillFileError(FmpError, ValueError):
     """A skill or demonstration file that cannot be read."""
 

@@ -799,6 +799,9 @@ def test_playback_of_a_mixture_has_no_phase(small_skill):
     player = Player(small_skill)
     with pytest.raises(SkillError, match="a mixture, which has no phase"):
         player.phase(player.start([0.1, 0.0]))
+    assert not any(hasattr(small_skill, f"{name}_") for name in ("period", "tempos"))
+    with pytest.raises(SkillError, match="a mixture, which has no phase"):
+        _ = small_skill.amplitudes_
 
 
 def test_uncertainty_grows_farther_ahead_than_left_out_parts_reach():

@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from sklearn.base import BaseEstimator, DensityMixin
 from sklearn.utils.validation import check_is_fitted
 
-from fmp_drake.errors import SkillError
+from fmp_drake.errors import NoPhaseError, SkillError
 from fmp_drake.numeric import Array, as_floats, check_number, finite_array
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.data.windows import Windows, as_windows
@@ -259,7 +259,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
     def _with_phase(self) -> PhaseModel:
         self.check_fitted()
         if self.phase_model_ is None:
-            raise SkillError(
+            raise NoPhaseError(
                 "the skill is a mixture, which has no phase; learn it with "
                 "model='phase' or 'automatic' from about 1.5 cycles on."
             )
