@@ -604,18 +604,18 @@ def typestore(ros):
     return get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
 
 
-def header(ros, k, stamped=True):
+def header(ros, k, stamped=True, start=0):
     types = typestore(ros).types
-    sec, nanosec = divmod(int(STAMPS[k]) if stamped else 0, 10**9)
+    sec, nanosec = divmod(int(STAMPS[k]) - start if stamped else 0, 10**9)
     stamp = types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
     seq = {"seq": k} if ros == 1 else {}
     return types["std_msgs/msg/Header"](stamp=stamp, frame_id="base", **seq)
 
 
-def pose_stamped(ros, k, stamped=True):
+def pose_stamped(ros, k, **stamp):
     types = typestore(ros).types
     return types["geometry_msgs/msg/PoseStamped"](
-        header=header(ros, k, stamped),
+        header=header(ros, k, **stamp),
         pose=types["geometry_msgs/msg/Pose"](
             position=types["geometry_msgs/msg/Point"](*PATH[k]),
             orientation=types["geometry_msgs/msg/Quaternion"](*QUATERNIONS[k]),
@@ -645,7 +645,7 @@ def joint_state(ros, k):
     )
 
 
-def bag(path, topics, ros=2, storage=None, late=0):
+def bag(path, topics, ros=2, storage=None, late=0, slowness=1):
     """Write messages of topics, received 3 ms after their stamps, or never the same."""
     if ros == 1:
         from rosbags.rosbag1 import Writer
@@ -662,7 +662,8 @@ def bag(path, topics, ros=2, storage=None, late=0):
             kind = message(0).__msgtype__
             connection = writer.add_connection(topic, kind, typestore=typestore(ros))
             for k in range(len(TIME)):
-                writer.write(connection, int(STAMPS[k]) + late, raw(message(k), kind))
+                receipt = int(STAMPS[0] + slowness * (STAMPS[k] - STAMPS[0])) + late
+                writer.write(connection, receipt, raw(message(k), kind))
     return path
 
 
@@ -691,6 +692,12 @@ def mcap_file(folder):
     }
     bag(folder / "bag", topics, storage="MCAP")
     return Written(folder / "bag" / "bag.mcap")
+
+
+def bag_of_simulated_time(folder):
+    """Its clock begins at 0, and runs at twice the speed of the receiver's."""
+    topics = {"/pose": lambda k: pose_stamped(1, k, start=int(STAMPS[0]))}
+    return Written(bag(folder / "d.bag", topics, ros=1, slowness=2))
 
 
 def ros2_without_stamps(folder):
@@ -1077,6 +1084,16 @@ def hdf5_of_matlab_7_3(folder):
     return Written(folder / "d.mat")
 
 
+def hdf5_with_the_clock_of_a_camera(folder):
+    arrays = {
+        "camera/timestamps": TIME / 2,
+        "lights/timestamps": TIME[::2],
+        "robot/timestamps": TIME,
+        "robot/tcp_pos": PATH,
+    }
+    return hdf5(folder / "d.h5", arrays)
+
+
 def hdf5_of_two_arms(folder):
     arrays = {"left/pose": PATH, "right/pose": PATH + 1.0, "timestamp": TIME}
     columns = ",".join(f"{a}=left/pose_{a}" for a in "xyz")
@@ -1135,6 +1152,32 @@ def matlab_matrix(folder):
     return Written(folder / "d.mat")
 
 
+def npz_beside_a_scan(folder):
+    """An array with more columns than rows."""
+    scan = np.ones((len(TIME), 720))
+    np.savez(folder / "d.npz", stamp=TIME, pos=PATH, scan=scan)
+    columns = ",".join(["time=stamp", *(f"{a}=pos_{a}" for a in "xyz")])
+    return Written(folder / "d.npz", {"columns": columns})
+
+
+def npz_with_dates(folder):
+    dates = STAMPS.astype("datetime64[ns]").astype("datetime64[us]")
+    np.savez(folder / "d.npz", time=dates, position=PATH)
+    return Written(folder / "d.npz")
+
+
+def npz_with_durations(folder):
+    time = np.round(TIME * 1e6).astype("timedelta64[us]")
+    np.savez(folder / "d.npz", t=time, pos=PATH)
+    return Written(folder / "d.npz")
+
+
+def npz_of_recordings(folder):
+    paths = np.stack([PATH, PATH + 1])
+    np.savez(folder / "d.npz", demos=paths, t=TIME)
+    return Written(folder / "d.npz")
+
+
 def _recordings():
     return [{"t": TIME[None], "pos": (PATH + k).T} for k in (0, 1)]
 
@@ -1167,6 +1210,34 @@ def json_recordings(folder):
         {n: a.T.squeeze().tolist() for n, a in r.items()} for r in _recordings()
     ]
     return write(folder, json.dumps({"demos": recordings}), "d.json")
+
+
+def _rows_in_turn(names):
+    return [
+        {"body": names[k % 2], "t": TIME[k // 2], "xyz": list(PATH[k // 2] + k % 2)}
+        for k in range(2 * len(TIME))
+    ]
+
+
+def json_of_bodies_in_turn(folder):
+    rows = "\n".join(map(json.dumps, _rows_in_turn("ab")))
+    return write(folder, rows, "d.jsonl", topic="a")
+
+
+def json_of_numbered_bodies_in_turn(folder):
+    return write(folder, json.dumps(_rows_in_turn([3, 7])), "d.json", topic="3")
+
+
+def json_of_bodies_without_a_choice(folder):
+    return json_of_bodies_in_turn(folder)._replace(options={})
+
+
+def parquet_of_bodies_in_turn(folder):
+    import pyarrow as pa
+    from pyarrow.parquet import write_table
+
+    write_table(pa.Table.from_pylist(_rows_in_turn("ab")), folder / "d.parquet")
+    return Written(folder / "d.parquet", {"topic": "a"})
 
 
 def json_with_gaps(folder):
@@ -1286,6 +1357,13 @@ def tables_in_zip(folder):
     with zipfile.ZipFile(folder / "d.zip", "w") as archive:
         archive.writestr("a.csv", xyz(header="time,x,y,z"))
         archive.writestr("b.csv", xyz(header="time,x,y,z"))
+    return Written(folder / "d.zip")
+
+
+def bag_in_zip(folder):
+    with zipfile.ZipFile(folder / "d.zip", "w") as archive:
+        for name in ("run/", "run/run_0.mcap", "run/metadata.yaml"):
+            archive.writestr(name, "")
     return Written(folder / "d.zip")
 
 

@@ -224,8 +224,9 @@ def _fit(
     points = [d.select(POSITION_CHANNELS).values for d in demonstrations]
     contacts = [_contact(d, **rhythm) for d in demonstrations]
     touching = [c.touching for c in contacts]
-    is_turned = all(d.rotation_reference is not None for d in demonstrations)
-    tools = [_recorded_rotations(d) for d in demonstrations] if is_turned else []
+    tools = [r for r in map(_recorded_rotations, demonstrations) if r is not None]
+    if len(tools) < len(points):
+        tools = []
     return fit_surface(points, touching, tools=tools, shape=shape), contacts
 
 
@@ -394,22 +395,24 @@ def _orientation(
     demonstration: Demonstration, fit: FittedSurface, uvh: Array, contact: _Contact
 ) -> Array:
     """Return rotation vectors relative to the local normal, about their mean in contact."""
-    if demonstration.rotation_reference is None:
+    recorded = _recorded_rotations(demonstration)
+    if recorded is None:
         raise DemonstrationError(
             f"the channels are {', '.join(demonstration.channels)}; an orientation needs a "
             "quaternion (--columns qx=NAME,qy=NAME,qz=NAME,qw=NAME)."
         )
-    recorded = _recorded_rotations(demonstration)
     R_DT = fit.rotation @ surfaces.rotations(fit.curvature, uvh)
     relative = Rotation.from_matrix(R_DT).inv() * recorded
     mean = mean_rotation(relative[contact.touching])
     return rotation_vectors(relative, mean)
 
 
-def _recorded_rotations(demonstration: Demonstration) -> Rotation:
-    """Return the orientations R_DT of a demonstration that has them."""
-    vectors = demonstration.select(ROTATION_CHANNELS).values
-    return rotations_of(vectors, demonstration.rotation_reference)
+def _recorded_rotations(demonstration: Demonstration) -> Rotation | None:
+    """Return the orientations R_DT of a demonstration, if it has any."""
+    reference = demonstration.rotation_reference
+    if reference is None:
+        return None
+    return rotations_of(demonstration.select(ROTATION_CHANNELS).values, reference)
 
 
 def _flatten(vectors: Array, touching: Mask, scenario: Scenario) -> tuple[float, str]:

@@ -53,6 +53,13 @@ POSITIONS = (
     files.numbered_sensors_in_turn,
     files.hdf5_of_matlab_7_3,
     files.hdf5_of_two_arms,
+    files.hdf5_with_the_clock_of_a_camera,
+    files.npz_beside_a_scan,
+    files.npz_with_dates,
+    files.npz_with_durations,
+    files.json_of_bodies_in_turn,
+    files.json_of_numbered_bodies_in_turn,
+    files.parquet_of_bodies_in_turn,
     files.hdf5_of_angles_beside_a_position,
     files.capitals,
     files.semicolons,
@@ -184,7 +191,9 @@ REFUSED = {
     files.bytes_of("d.json", b'[{"x": [[1], 2]}]'): "not readable JSON",
     files.hdf5_of_links: "holds nothing; expected arrays of numbers",
     files.matlab_too_large: r"d\.mat holds \d+ MB; at most 256",
-    files.tables_in_zip: "holds 2 files; unpack it and name them: unzip ",
+    files.json_of_bodies_without_a_choice: "body alternates: .* among a, b: --topic a",
+    files.bag_in_zip: r"unzip \S+d\.zip && fmp-drake inspect run$",
+    files.tables_in_zip: "holds several files; unpack it and name them: unzip ",
     files.letter_by_gzip: r"d\.txt\.gz has no line of numbers",
     files.bomb_by_gzip: "holds 256 MB; at most 256",
     files.optitrack_without_header: "no row `Frame,Time .* export it from Motive",
@@ -605,6 +614,7 @@ def test_error_of_a_dataset_lists_missing_parts(damage, message, tmp_path):
         files.matlab_structures,
         files.matlab_cells,
         files.npy_of_recordings,
+        files.npz_of_recordings,
         files.json_recordings,
         files.hdf5_of_episodes,
     ],
@@ -767,6 +777,34 @@ def test_a_bag_begins_with_its_earliest_message(tmp_path):
     (found,), _ = read_demonstrations([bag])
     assert found.time[0] == 0
     assert_allclose(found.values[:, :3], files.PATH, atol=1e-12)
+
+
+def test_simulated_time_may_begin_at_zero(tmp_path):
+    (found,), remarks = read(files.bag_of_simulated_time, tmp_path)
+    assert "header stamps" in remarks
+    assert_allclose(found.time, files.TIME, atol=1e-9)
+
+
+def test_an_episode_that_was_broken_off_is_left_out(tmp_path):
+    from pyarrow import parquet
+
+    dataset = written(files.lerobot_2, tmp_path).path
+    (_, second) = sorted(dataset.rglob("*.parquet"))
+    parquet.write_table(parquet.read_table(second).slice(0, 3), second)
+    (found,), remarks = read_demonstrations([dataset])
+    assert_allclose(found.values, files.PATH, atol=1e-6)
+    assert "episode 1 left out, with too few frames" in " ".join(remarks)
+
+
+def test_an_episode_may_have_fewer_frames_than_joints(tmp_path):
+    from pyarrow import parquet
+
+    wide = np.tile(files.PATH, 2)[:, :6]
+    dataset = written(lambda f: files.dataset(f, "v2.1", None, wide), tmp_path).path
+    (_, second) = sorted(dataset.rglob("*.parquet"))
+    parquet.write_table(parquet.read_table(second).slice(0, 5), second)
+    first, short = read_demonstrations([dataset])[0]
+    assert (len(first.time), len(short.time)) == (400, 5)
 
 
 def test_joints_without_positions_are_refused(tmp_path):

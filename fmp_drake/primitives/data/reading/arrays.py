@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillFileError
+from fmp_drake.numeric import Mask
 from fmp_drake.primitives.data.files import FileFormat, read_npz
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
@@ -24,8 +25,10 @@ from fmp_drake.primitives.data.reading.table import (
     topic_choice,
 )
 from fmp_drake.primitives.data.reading.text import (
+    SOURCE_NAME,
     number_in,
     read_lines,
+    rows_of_one,
     table_of_lines,
 )
 
@@ -60,8 +63,10 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     arrays = read_npz(path, f"a demonstration is {FORMAT.source}", most=MOST_BYTES)
     name = "values" if "values" in arrays else "position"
     if "metadata" not in arrays and not {"time", name} <= set(arrays):
-        return _tables_of(path, arrays)
+        return _tables_of(path, arrays, options)
     time, values = (arrays.get(key) for key in ("time", name))
+    if time is not None and time.dtype.kind in "mM":
+        time = (time - time[:1]) / np.timedelta64(1, "s")
     if time is None or values is None:
         raise SkillFileError(f"{path} holds no `time` or no `values`.")
     for key, array in (("time", time), ("values", values)):
@@ -73,7 +78,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
         fields |= {key: metadata[key] for key in METADATA if key in metadata}
         return [Table(saved=fields)]
     if options.columns or (options.all_arrays and len(arrays) > 2):
-        return [table_of(path, arrays)]
+        return [table_of(path, arrays, topic=options.topic)]
     if time.shape != values.shape[:1] or values.ndim > 2:
         return [Table(saved=fields)]  # The demonstration names the error.
     values = values.reshape(len(time), -1)
@@ -89,7 +94,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     ]
 
 
-def read_npy(path: Path, _options: ReadingOptions) -> list[Table]:
+def read_npy(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the columns of one array (N,), (N, D) or with named fields."""
     try:
         # Mapped: a truncated file is refused before memory is allocated.
@@ -107,16 +112,38 @@ def read_npy(path: Path, _options: ReadingOptions) -> list[Table]:
     check_size(path, array.nbytes)
     names = array.dtype.names
     arrays = {name: array[name] for name in names} if names else {"": array}
-    return _tables_of(path, arrays)
+    return _tables_of(path, arrays, options)
 
 
-def align_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return arrays with the samples along the first axis: (N,), (N, k).
+def _sample_count(arrays: Mapping[str, NDArray[Any]]) -> int:
+    """Return the number N of samples of arrays (N,), (N, k), (k, N) and others.
 
-    N is the greatest length of an axis. Arrays (1, N) and (N, 1) become (N,), matrices
-    (N, 4, 4) and (N, 1, 4, 4) become (N, 16).
+    It is that of the times, where another array has as many. Otherwise it is the greatest
+    length of an axis, unless that is only the width of arrays whose rows are as many as
+    those of others.
     """
-    count = max((n for a in arrays.values() for n in a.shape), default=0)
+    lengths = [n for name, a in arrays.items() if not _is_time(name) for n in a.shape]
+    times = [a.size for name, a in arrays.items() if _is_time(name) and a.size > 1]
+    if common := set(times).intersection(lengths):
+        return max(common)
+    count = max([*lengths, *times], default=0)
+    firsts = [a.shape[0] for a in arrays.values() if a.ndim]
+    wide = [a.shape[0] for a in arrays.values() if a.ndim == 2 and count in a.shape]
+    rows = max(wide, default=0)
+    is_width = count not in firsts and firsts.count(rows) > wide.count(rows)
+    return rows if is_width and rows >= _FEWEST else count
+
+
+def _is_time(name: str) -> bool:
+    return TIME_NAME.fullmatch(name) is not None
+
+
+def _aligned(arrays: Mapping[str, NDArray[Any]], count: int) -> dict[str, NDArray[Any]]:
+    """Return arrays with the `count` samples along the first axis: (N,), (N, k).
+
+    Arrays (1, N) and (N, 1) become (N,), matrices (N, 4, 4) and (N, 1, 4, 4) become
+    (N, 16).
+    """
     aligned = {}
     for name, array in arrays.items():
         if array.shape[1:] == (1, 4, 4):
@@ -130,22 +157,24 @@ def align_arrays(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     return aligned
 
 
-def _tables_of(path: Path, content: Mapping[str, Any]) -> list[Table]:
+def _tables_of(
+    path: Path, content: Mapping[str, Any], options: ReadingOptions
+) -> list[Table]:
     """Return a table of each recording in nested mappings of arrays."""
     tables = []
     for recording in _recordings(content):
         arrays = {name: np.asarray(value) for name, value in _flat(recording)}
         if len(arrays) == 1:  # The columns of a single matrix have no names.
             arrays = {"": next(iter(arrays.values()))}
-        tables.append(table_of(path, arrays))
+        tables.append(table_of(path, arrays, topic=options.topic))
     return tables
 
 
 def _recordings(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the content of each recording in a list of them, or the content itself.
 
-    A list may be an array (K, N, D), and its items mappings of arrays. Single numbers
-    beside it belong to all recordings.
+    A list may be an array (K, N, D), and its items mappings of arrays. Single numbers and
+    times beside it belong to all recordings.
     """
     while len(content) == 1 and isinstance(
         inner := next(iter(content.values())), Mapping
@@ -164,7 +193,8 @@ def _recordings(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     shared = {
         name: value
         for name, value in others.items()
-        if not isinstance(value, list | Mapping) and np.size(value) == 1
+        if (not isinstance(value, list | Mapping) and np.size(value) == 1)
+        or (_is_time(name) and _fits_all(value, lists))
     }
     recordings: list[Mapping[str, Any]] = []
     for i in range(count):
@@ -173,6 +203,12 @@ def _recordings(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
         is_one = len(items) == 1 and isinstance(first, Mapping)
         recordings.append({**shared, **(first if is_one else items)})
     return recordings or [content]
+
+
+def _fits_all(times: Any, lists: Mapping[str, Any]) -> bool:
+    """Return whether all recordings have as many samples as there are times."""
+    items = (item for value in lists.values() for item in value)
+    return all(np.size(times) in np.shape(item) for item in items)
 
 
 def _is_recording(item: Any) -> bool:
@@ -194,28 +230,39 @@ def table_of(
     arrays: Mapping[str, NDArray[Any]],
     *,
     rate: float | None = None,
+    topic: str = "",
+    count: int | None = None,
 ) -> Table:
     """Return a table of arrays (N,) and (N, k) of equal length.
 
     The columns of an array (N, 3) are named `name_x` and so on, those of others `name_1`.
-    Matrices (N, 4, 4) have 16 columns. Shorter arrays are left out. A rate (Hz), given or
-    found among the arrays, adds a column of times.
+    Matrices (N, 4, 4) have 16 columns. Arrays of another length are left out. A rate (Hz),
+    given or found among the arrays, adds a column of times. Where the rows of several
+    things alternate, those of the topic are read. Without `count`, N is found.
     """
-    arrays = align_arrays(arrays)
-    count = max((len(a) for a in arrays.values() if a.ndim in (1, 2)), default=0)
+    count = _sample_count(arrays) if count is None else count
+    arrays = _aligned(arrays, count)
     names, parts, omissions, remarks = [], [], [], []
-    if rate is None and not any(map(TIME_NAME.fullmatch, arrays)):
+    chosen: Mask | None = None
+    if rate is None and not any(map(_is_time, arrays)):
         rate = rate_in({n.rsplit(".", 1)[-1]: array for n, array in arrays.items()})
         remarks += [f"at {rate:g} Hz, as the file says"] if rate else []
     for name, array in arrays.items():
         if array.ndim == 0:  # A setting, or a name.
             continue
-        is_numbers = array.dtype.kind in "biufM"
+        if chosen is None and array.shape == (count,):
+            chosen = rows_of_one(path, name, _sources(name, array), topic)
+            if chosen is not None:
+                remarks.append(f"only rows with {topic} as {name}")
+                continue
+        is_numbers = array.dtype.kind in "biufmM"
         if array.ndim not in (1, 2) or len(array) != count or not is_numbers:
             omissions.append(f"{name or 'the array'} {array.shape} of {array.dtype}")
             continue
         if array.dtype.kind == "M":
             array = array.astype("datetime64[ns]").astype(np.int64)
+        elif array.dtype.kind == "m":
+            array = array / np.timedelta64(1, "s")
         columns = np.asarray(array, dtype=float).reshape(count, -1)
         width = columns.shape[1]
         axes: Sequence[Any] = "xyz" if width == 3 else range(1, width + 1)
@@ -237,10 +284,19 @@ def table_of(
         remarks.append(f"{', '.join(omissions)} left out")
     return Table(
         names=tuple(names),
-        values=np.column_stack(parts),
+        values=np.column_stack(parts)[slice(None) if chosen is None else chosen],
         units=() if rate is None else ("s",),
         remarks=tuple(remarks),
     )
+
+
+def _sources(name: str, array: NDArray[Any]) -> list[str]:
+    """Return the words of an array (N,) that may name what each row is of, or nothing."""
+    if array.dtype.kind in "OU":
+        words = list(array)
+        return words if all(isinstance(word, str) for word in words) else []
+    is_named = SOURCE_NAME.fullmatch(name.rsplit(".", 1)[-1]) is not None
+    return [f"{number:g}" for number in array] if is_named else []
 
 
 def rate_in(settings: Mapping[str, Any]) -> float | None:
@@ -252,7 +308,7 @@ def rate_in(settings: Mapping[str, Any]) -> float | None:
     return None
 
 
-def read_parquet(path: Path, _options: ReadingOptions) -> list[Table]:
+def read_parquet(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the columns of a Parquet file; columns of lists are split.
 
     Raises
@@ -260,11 +316,11 @@ def read_parquet(path: Path, _options: ReadingOptions) -> list[Table]:
     SkillFileError
         Where it cannot be read, or pyarrow is not installed.
     """
-    return [parquet_table(path, None)]
+    return [parquet_table(path, None, topic=options.topic)]
 
 
-def parquet_table(path: Path, columns: list[str] | None) -> Table:
-    """Return some columns of a Parquet file, or all."""
+def parquet_table(path: Path, columns: list[str] | None, *, topic: str = "") -> Table:
+    """Return some columns of a Parquet file, or all; see `table_of` for the topic."""
     with readable(path, "a Parquet file", extra="parquet"):
         from pyarrow import parquet
 
@@ -277,7 +333,7 @@ def parquet_table(path: Path, columns: list[str] | None) -> Table:
         check_size(path, max(sum(groups), 8 * metadata.num_rows))
         content = file.read(columns)
         arrays = {name: _array(content[name]) for name in content.column_names}
-    return table_of(path, arrays)
+    return table_of(path, arrays, topic=topic, count=metadata.num_rows)
 
 
 def _array(column: Any) -> NDArray[Any]:
@@ -288,7 +344,7 @@ def _array(column: Any) -> NDArray[Any]:
     return array
 
 
-def read_json(path: Path, _options: ReadingOptions) -> list[Table]:
+def read_json(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the numbers of JSON lines, a list of objects, or an object of lists.
 
     Names of nested values are joined by dots: `pose.position.x`.
@@ -303,7 +359,10 @@ def read_json(path: Path, _options: ReadingOptions) -> list[Table]:
         recordings = _recordings(
             content if isinstance(content, dict) else {"": content}
         )
-        return [table_of(path, _json_columns(path, each)) for each in recordings]
+        return [
+            table_of(path, _json_columns(path, each), topic=options.topic)
+            for each in recordings
+        ]
     except (ValueError, RecursionError) as reason:
         if isinstance(reason, SkillFileError):
             raise
@@ -385,7 +444,7 @@ def _is_objects(content: Any) -> bool:
     return is_list and all(isinstance(item, dict) for item in content)
 
 
-def read_matlab(path: Path, _options: ReadingOptions) -> list[Table]:
+def read_matlab(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the arrays of one length in a MATLAB file, also those in structures."""
     from scipy.io import loadmat, whosmat  # Slow to import.
 
@@ -393,7 +452,8 @@ def read_matlab(path: Path, _options: ReadingOptions) -> list[Table]:
         # Files may be compressed: the shapes are read before the numbers.
         check_size(path, sum(8 * math.prod(shape) for _, shape, _ in whosmat(path)))
         content = loadmat(path, simplify_cells=True)
-    return _tables_of(path, {k: v for k, v in content.items() if k[:2] != "__"})
+    content = {k: v for k, v in content.items() if k[:2] != "__"}
+    return _tables_of(path, content, options)
 
 
 def read_excel(path: Path, options: ReadingOptions) -> list[Table]:

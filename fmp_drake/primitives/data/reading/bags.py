@@ -28,6 +28,8 @@ _POSE = (
     *(f"orientation.{axis}" for axis in "xyzw"),
 )
 _MOST_MESSAGES = 2_000_000
+# Latest first stamp of a simulated time that begins at 0, ns.
+_SIMULATED = 60 * 10**9
 # The reader recognises files by these endings.
 _ENDINGS = (".bag", ".mcap", ".db3")
 
@@ -118,7 +120,10 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
         )
     names, index, values = _largest_kind(kinds)
     omissions = sorted({name for kind in kinds for name in kind} - set(names))
-    is_stamped = all(stamps) and stamps[0] != stamps[-1]
+    # A stamp of 0 is missing, unless simulated time has just begun.
+    earliest = min(filter(None, stamps), default=0)
+    is_stamped = all(stamps) or 0 < earliest < _SIMULATED
+    is_stamped = is_stamped and stamps[0] != stamps[-1]
     times = stamps if is_stamped else received
     remark = f"{source}, {'header stamps' if is_stamped else 'times of receipt'}"
     if any(a > b for a, b in pairwise(times)):

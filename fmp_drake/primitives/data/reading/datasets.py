@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from fmp_drake.primitives.data.reading.table import (
     topic_choice,
 )
 
+# Fewest frames of an episode; fewer are an attempt that was broken off.
+_LEAST_FRAMES = 4
 # The feature of a dataset that is read unless another is named.
 _STATE = "observation.state"
 # Datasets that are read unless others are named: robomimic's pose, ALOHA's joints.
@@ -78,6 +81,12 @@ def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
     time, episode = (values[:, first.index(name)] for name in time_columns)
     names = ("time", *_names(kinds[feature].get("names"), len(columns)))
     remark = f"{feature} at {rate:g} Hz"
+    numbers, counts = np.unique(episode, return_counts=True)
+    whole = numbers[counts >= _LEAST_FRAMES]
+    if 0 < len(whole) < len(numbers):
+        aborted = ", ".join(f"{n:.0f}" for n in np.setdiff1d(numbers, whole))
+        remark += f"; episode {aborted} left out, with too few frames"
+        numbers = whole
     return [
         Table(
             names=names,
@@ -85,7 +94,7 @@ def read_lerobot(folder: Path, options: ReadingOptions) -> list[Table]:
             values=np.column_stack([time, values[:, columns]])[episode == number],
             remarks=(f"episode {number:.0f}: {remark}",),
         )
-        for number in np.unique(episode)
+        for number in numbers
     ]
 
 
@@ -158,8 +167,10 @@ def _group_table(
         or list(sets)
     )
     times = [name for name in sets if TIME_NAME.fullmatch(name)]
-    if times and times[0] not in names:
-        names.insert(0, times[0])
+    if times:
+        names = [name for name in names if name not in times] or names
+        nearest = max(times, key=lambda time: _nearness(sets, time, names[0]))
+        names = list(dict.fromkeys([nearest, *names]))
     check_size(path, sum(sets[name].nbytes for name in names))
     last_words = [name.rsplit("/", 1)[-1] for name in names]
     if len(set(last_words)) < len(names):
@@ -172,6 +183,13 @@ def _group_table(
     remark = ", ".join(names) + (f" at {rate:g} Hz" if rate and not times else "")
     remark = f"{episode}: {remark}" if episode else remark
     return replace(table, remarks=(remark, *table.remarks))
+
+
+def _nearness(sets: dict[str, Any], time: str, name: str) -> tuple[bool, int]:
+    """Return how well times fit a dataset: whether as many, and the groups they share."""
+    groups = zip(time.split("/")[:-1], name.split("/")[:-1], strict=False)
+    shared = list(takewhile(lambda pair: pair[0] == pair[1], groups))
+    return sets[time].size in sets[name].shape, len(shared)
 
 
 def _rate(group: Any) -> float | None:

@@ -25,6 +25,8 @@ from fmp_drake.primitives.data.reading.table import (
 
 # A reader returns one table for each recording in a file.
 _Reader = Callable[[Path, ReadingOptions], list[Table]]
+# Files that folders of recordings contain.
+_LEROBOT, _BAG = "meta/info.json", "metadata.yaml"
 _BOM = b"\xef\xbb\xbf"
 
 
@@ -49,9 +51,9 @@ def read_tables(path: Path, options: ReadingOptions) -> list[Table]:
 
 
 def _reader_of_folder(path: Path) -> _Reader:
-    if (path / "meta" / "info.json").is_file():
+    if (path / _LEROBOT).is_file():
         return datasets.read_lerobot
-    if (path / "metadata.yaml").is_file():
+    if (path / _BAG).is_file():
         return bags.read_bag
     raise SkillFileError(
         f"{path} is a folder, but neither a ROS 2 bag (metadata.yaml) nor a LeRobot "
@@ -128,8 +130,16 @@ def _unpacked(path: Path) -> tuple[str, bytes]:
             if not name.endswith("/") and not Path(name).name.startswith(".")
         ]
         if len(names) != 1:
+            # Datasets and bags are named by their folders.
+            folders = [
+                name.removesuffix(mark).rstrip("/") or "."
+                for name in names
+                for mark in (_LEROBOT, _BAG)
+                if f"/{name}".endswith(f"/{mark}")
+            ]
+            names = folders or names
             raise SkillFileError(
-                f"{path} holds {len(names)} files; unpack it and name them: unzip "
+                f"{path} holds several files; unpack it and name them: unzip "
                 f"{shlex.quote(str(path))} && fmp-drake inspect {shlex.join(names)}"
             )
         with archive.open(names[0]) as member:

@@ -48,7 +48,7 @@ _UNIT = re.compile(
     r"[\[(]?(|[numkcd]?s|[munc]?m|in|m?rad|deg|°|N|N/?m|-|m/s|rad/s)[\])]?"
 )
 # Names of columns of numbers that identify a sensor, and the greatest number of sensors.
-_SOURCE = re.compile(
+SOURCE_NAME = re.compile(
     r"(.*_)?(device|sensor|source|marker|body|hand|controller|tracker|object|serial)"
     r"(_?id|_?index|_?no|_?number)?",
     re.IGNORECASE,
@@ -126,10 +126,10 @@ def table_of_lines(
     sources = dict(zip(words, rows.words, strict=True)) | {
         i: [f"{value:g}" for value in values[:, i]]
         for i, name in enumerate(header)
-        if i not in words and _SOURCE.fullmatch(name)
+        if i not in words and SOURCE_NAME.fullmatch(name)
     }
     for i, cells in sources.items():
-        if (chosen := _rows_of_one(path, labels[i], cells, topic)) is not None:
+        if (chosen := rows_of_one(path, labels[i], cells, topic)) is not None:
             values = values[chosen]
             unused.add(i)
             remarks.append(f"only rows with {topic} as {labels[i]}")
@@ -192,7 +192,7 @@ def _read_rows(
     return _Rows(np.array(numbers).reshape(-1, width), found, broken, has_commas)
 
 
-def _rows_of_one(
+def rows_of_one(
     path: Path, name: str, labels: Sequence[str], topic: str
 ) -> Mask | None:
     """Return a mask of the rows with one label, or None where labels do not alternate."""
