@@ -322,6 +322,7 @@ def test_orientation_is_learned_with_the_position():
             {"via": [ViaPoint(phase=0.5, values=[v, 0, 0]) for v in (0.0, 0.1)]},
             "same phase or too near",
         ),
+        ({"via": 0.5}, r"via is 0\.5; give a list of ViaPoint"),
         ({"via": [0.5]}, r"via has 0\.5; give a list of ViaPoint"),
         ({"rate": 0.0}, r"rate is 0\.0 Hz"),
     ],

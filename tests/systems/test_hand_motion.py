@@ -134,10 +134,20 @@ def test_velocity_is_the_derivative_of_the_position(time):
     )
 
 
-def test_time_outside_the_path_is_clamped():
+def test_hand_rests_before_and_after_the_path():
     motion = HandMotion.make("eight", duration=2, seed=0)
-    assert_allclose(motion.at(-1)[0], motion.position[0])
-    assert_allclose(motion.at(99)[0], motion.position[-1], atol=1e-4)
+    for time, position in ((-1, motion.position[0]), (99, motion.position[-1])):
+        assert_allclose(motion.at(time)[0], position, atol=1e-15)
+        assert_allclose(motion.at(time)[1], 0.0)
+    assert np.all(motion.at(0)[1] != 0)
+
+
+def test_seed_and_slowness_that_draw_no_path_are_refused():
+    with pytest.raises(SystemsError, match="seed is -1"):
+        HandMotion.make("eight", duration=2, seed=-1)
+    human = HandVariability(slowness=0.0)
+    with pytest.raises(SystemsError, match=r"slowness is 0"):
+        HandMotion.make("eight", duration=2, seed=0, variability=human)
 
 
 def test_hand_moves_at_the_speed_of_a_person():

@@ -250,6 +250,8 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         if goal is not None:
             end = finite_array(goal, "the goal", shape)
             points.append((1.0, channels, end))
+        if not isinstance(via, Sequence):
+            raise SkillError(f"via is {via!r}; give a list of ViaPoint(phase, values).")
         for number, point in enumerate(via):
             if not isinstance(point, ViaPoint):
                 raise SkillError(

@@ -116,7 +116,8 @@ class Player:
     remap_ticks : int, optional
         Ticks between two re-mappings, at most T - K as in the paper. With a phase
         model, a re-mapping takes place before its windows blend into their beginnings.
-        The greatest possible number where None.
+        The greatest possible number where None. Much smaller numbers change the movement
+        of a mixture, which may grow, or come to rest.
 
     Examples
     --------

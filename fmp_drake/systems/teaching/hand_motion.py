@@ -120,11 +120,16 @@ class HandMotion:
     channels: tuple[str, ...] = ("x", "y")
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Return the channels (D,) and their rates (D,) at a time in seconds."""
-        x = min(max(time * _RATE, 0.0), len(self.position) - 1.001)
-        i = int(x)
+        """Return the channels (D,) and their rates (D,) at a time in seconds.
+
+        Before the start and after the end the hand is at rest.
+        """
+        last = len(self.position) - 1
+        x = min(max(time * _RATE, 0.0), float(last))
+        i = min(int(x), last - 1)
         change = self.position[i + 1] - self.position[i]
-        return self.position[i] + (x - i) * change, change * _RATE
+        moves = 0 <= time * _RATE < last
+        return self.position[i] + (x - i) * change, moves * change * _RATE
 
     def slowed(self, surface: Surface) -> "HandMotion":
         """Return the motion, slower where it would turn a tool fast over a curved surface.
@@ -172,10 +177,13 @@ class HandMotion:
             raise SystemsError(f"task is {task!r}; choose from {', '.join(_FIGURES)}.")
         check_number(duration, "duration", above=0, unit="s", error=SystemsError)
         figure = _FIGURES[task]
+        check_number(seed, "seed", least=0, whole=True, error=SystemsError)
         human = HandVariability() if variability is None else variability
+        slowness = human.slowness
+        check_number(slowness, "slowness", above=0, unit="s", error=SystemsError)
         rng = np.random.default_rng(seed)
         count = int(np.ceil(duration * _RATE)) + 2
-        slow = butter(2, 1 / human.slowness, fs=_RATE, output="sos")
+        slow = butter(2, 1 / slowness, fs=_RATE, output="sos")
         shake = butter(2, (8.0, 12.0), "bandpass", fs=_RATE, output="sos")
 
         def wander(sos: Array, scale: float) -> Array:
