@@ -75,7 +75,8 @@ def transform_space(
 
     Every sample p of the named channels becomes scale * R p + t. The distribution over
     trajectories is transformed exactly: means, factors and white noise. A playback from a
-    transformed start is the transformed playback.
+    transformed start is the transformed playback. Predictions from few cycles use each
+    channel's own past: of a rotated skill they differ by millimetres.
 
     A rotation is an orthogonal map of the scaled values. It keeps the noise of the
     mixture isotropic where it mixes channels of equal scale. A change of size changes
