@@ -2,7 +2,7 @@
 
 import os
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import click
@@ -90,7 +90,17 @@ def worlds(
         raise FmpError(
             "--html and --video show one trial; give its number by --replay."
         )
+    if one.replay is not None and output != TrialsOutput():
+        raise FmpError(
+            "--parquet and --markdown are of all trials; leave out --replay."
+        )
     if Path(source).is_dir():
+        given = [f.name for f in fields(to) if getattr(to, f.name) != f.default]
+        if given:
+            raise FmpError(
+                f"{source} is a folder of trials, to which --{given[0]} does not apply; give "
+                "the specification to run more."
+            )
         store = TrialStore(Path(source))
         if one.replay is not None:
             _replay(console, store, one.replay, one)
@@ -147,15 +157,16 @@ def _replay(
     metrics = replay_trial(
         trial, float(store.plan["duration"]), html=files.html, video=files.video
     )
-    texts = [fault.text for fault in faults(replace(trial, metrics=metrics, error=""))]
+    repeated = replace(trial, metrics=metrics, error="")
+    texts = [fault.text for fault in faults(repeated, float(store.plan["duration"]))]
     console.print(f"trial {number} {'; '.join(texts) or 'passed'}")
     if trial.metrics is not None:
         is_identical = str(metrics) == str(trial.metrics)  # NaN is not equal to itself.
         console.print(
             "identical to the last bit"
             if is_identical
-            else "NOT identical to the stored run: the code, a library or the processor "
-            f"is another one (it was run by the code {trial.code})."
+            else "NOT identical to the stored run: the code, a library, a file of the "
+            f"scenario or the processor is another one (it was run by the code {trial.code})."
         )
     for path in (files.html, files.video):
         if path is not None:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.primitives.data.files import replaced, write_text
@@ -166,8 +167,9 @@ def _write_markdown(
         for finding in findings:
             lines.append(f"### {finding.title}")
             if finding.figure is not None:
-                _picture(path.parent, finding.name, finding.figure)
-                lines.append(f"![{finding.title}]({finding.name}.png)")
+                name = f"{path.stem}_{finding.name}"
+                _picture(path.parent, name, finding.figure)
+                lines.append(f"![{finding.title}]({quote(name)}.png)")
             if finding.table is not None:
                 lines.append(markdown_table(finding.table))
             lines.append(finding.shows)

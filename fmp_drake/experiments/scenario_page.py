@@ -96,8 +96,8 @@ def scenario_page(runs: Mapping[str, ScenarioRun], *, duration: float) -> str:
         "# Scenarios",
         "",
         (
-            "Written by `fmp-drake scenarios --markdown README.md`: "
-            f"{duration:g} s of each, headless, with its own seed."
+            f"Written by `fmp-drake scenarios --markdown FILE --duration {duration:g}`: "
+            "each is run headless, with its own seed."
         ),
         "",
         markdown_table(

@@ -241,9 +241,9 @@ class Channels:
             if demonstration.channels != self.names:
                 raise RunError(
                     f"demonstration {number} has the channels "
-                    f"{', '.join(demonstration.channels)}; the others and the skill "
-                    f"in this picture have {', '.join(self.names)}. Select the same "
-                    "ones (Demonstration.select)."
+                    f"{', '.join(demonstration.channels)}; the others in this picture "
+                    f"have {', '.join(self.names)}. Draw them separately, or choose "
+                    "the same ones (--columns, Demonstration.select)."
                 )
 
     @property

@@ -72,7 +72,7 @@ def test_page_has_a_row_and_a_picture_of_each(command, outputs, monkeypatch):
     assert result.err == ""
     assert f"wrote {path}" in result.out
     page = path.read_text(encoding="utf-8")
-    assert "0.5 s of each" in page
+    assert "--markdown FILE --duration 0.5`" in page
     head, line, *body = rows(page)
     assert set("".join(line)) == {"-"}
     assert len(line) == len(head)
@@ -112,7 +112,7 @@ def test_page_contains_the_metrics():
         "0.44 rad",
     ]
     assert "![table_top after 60 s](table_top.png)" in page
-    assert "60 s of each" in page
+    assert "--duration 60`" in page
     assert "In a protective stop" not in page
 
 

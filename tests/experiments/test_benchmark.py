@@ -142,6 +142,17 @@ def test_recordings_of_few_cycles_are_one_movement_together(tmp_path):
     assert message.startswith("line is left out: no part of it comes again")
 
 
+def test_recordings_of_one_stem_are_movements_of_their_own(tmp_path):
+    write_recording(tmp_path, "ring", ellipse(170, seed=1))
+    values = np.column_stack([np.arange(170) / 20, ellipse(170, seed=2)])
+    np.savetxt(tmp_path / "ring.csv", values, delimiter=",", header="time,x,y,z")
+    np.save(tmp_path / "other.npy", np.stack([values, values + 0.01]))
+    movements = load_movements(tmp_path)
+    names = ["other_1", "other_2", "ring.csv", "ring.npz"]
+    assert [movement.name for movement in movements] == names
+    assert len({movement.digest for movement in movements}) == 4
+
+
 def test_folder_without_a_repeated_movement_is_refused(tmp_path):
     with pytest.raises(FmpError, match=r"no recording in which a movement repeats"):
         load_movements(tmp_path)
@@ -354,6 +365,27 @@ def test_scores_of_other_recordings_are_not_mixed(folder, tmp_path):
 
 
 @pytest.mark.usefixtures("few")
+@pytest.mark.parametrize("instants", [5, 6])
+def test_scores_of_other_recordings_of_the_same_name_are_not_mixed(
+    folder, instants, tmp_path
+):
+    run_benchmark(folder, tmp_path, Here(), methods=["still"], instants=5)
+    if instants == 5:
+        write_recording(folder, "ring_1", ellipse(170, seed=9))
+    with pytest.raises(ExperimentError, match=r"still on ring_1.*another folder"):
+        run_benchmark(folder, tmp_path, Here(), methods=["replay"], instants=instants)
+
+
+def test_scores_that_cannot_be_read_are_named(tmp_path):
+    for text in ('{"method": "repl', '{"method": "replay", "x": 1}', "[]"):
+        (tmp_path / "method_replay.json").write_text(text)
+        with pytest.raises(
+            ExperimentError, match=r"method_replay\.json holds no scores"
+        ):
+            read_scores(tmp_path)
+
+
+@pytest.mark.usefixtures("few")
 def test_rows_do_not_depend_on_which_job_ends_first(folder, tmp_path, monkeypatch):
     def backwards(function, tasks, _):
         return (TaskResult(task, 1, function(task)) for task in reversed(tasks))
@@ -448,7 +480,12 @@ def test_report_counts_runs_that_never_clean_the_board(tmp_path):
     failed = {"movement": "wiping", "cycles": "4", "seed": 2, "error": "off the board"}
     write_scores(tmp_path, MethodScores(method="replay", cleaning=[*runs, failed]))
     rows = rows_of(tmp_path, "benchmark_cleaning_wiping")
-    assert rows["replay"][:4] == ["2 of 3", "3.0 ± 0.0", "20.0 ± 0.0, 1 never", "-"]
+    assert rows["replay"][:4] == [
+        "2 of 3",
+        "3.0 ± 0.0",
+        "20.0 ± 0.0, 1 never",
+        "2 never",
+    ]
     assert rows["replay"][4] == "84.0 ± 0.0"
     # Predictions that are measured later do not lose the runs.
     write_scores(tmp_path, MethodScores(method="replay", seconds=1.0))

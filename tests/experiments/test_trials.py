@@ -1,6 +1,7 @@
 """Facts about trials that are run, stored, continued and replayed."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -28,9 +29,9 @@ from fmp_drake.experiments.trials.trial import (
     MOST_EXCESS,
     Trial,
     faults,
-    is_pushed,
     largest_push,
     misses_by_height,
+    pushes,
 )
 from fmp_drake.experiments.trials.trials_report import (
     TrialsReport,
@@ -40,6 +41,7 @@ from fmp_drake.experiments.trials.trials_report import (
 )
 from fmp_drake.film import scene as film_scene
 from fmp_drake.processes import ClusterWorkers
+from fmp_drake.station import models_dir
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
 SPEC = """
@@ -404,6 +406,25 @@ def test_changed_code_runs_trials_again(make_store, monkeypatch):
     assert {t.code for t in make_store(passed).trials()} == {"newer"}
 
 
+def test_changed_files_of_a_scenario_run_trials_again(make_store, tmp_path):
+    robot = tmp_path / "ur5e"
+    shutil.copytree(models_dir() / "ur5e", robot)
+    begun = []
+
+    def run(trial):
+        begun.append(trial.number)
+        return passed(trial)
+
+    spec = f"robot: {robot / 'ur5e.yaml'}"
+    codes = [make_store(run, 1, spec=spec).trial(0).code for _ in range(2)]
+    assert (begun, codes[0]) == ([0], codes[1])
+    file = robot / "ur5e.yaml"
+    file.write_text(file.read_text() + "# measured again\n")
+    assert make_store(run, 1, spec=spec).trial(0).code != codes[0]
+    assert begun == [0, 0]
+    assert make_store(run, 1, name="bundled").trial(0).code == code_version()
+
+
 def test_worker_with_other_code_is_refused(make_store):
     def run(trial):
         return run_trial(replace(trial, code="x"), duration=0.1, force=False)
@@ -523,13 +544,17 @@ def test_trials_with_disturbances_are_judged_by_their_greatest_force_only(make_s
         assert [f.kind for f in faults(replace(trial, metrics=metrics))] == kinds
 
 
-def test_trial_is_pushed_where_a_disturbance_starts_before_its_end(make_store):
+def test_a_push_after_the_end_of_a_run_does_not_count(make_store):
     spec = """
     disturbances: {count: 1, each: {start: 2.0, force: [0.0, 20.0, 0.0]}}
     """
-    trial = make_store(passed, 1, spec=spec).trial(0)
-    assert [is_pushed(trial, seconds) for seconds in (1.9, 2.1)] == [False, True]
-    assert not is_pushed(drawn(), 1e9)
+    run = partial(passed, desired_contact_fraction=0.5)
+    trial = make_store(run, 1, spec=spec).trial(0)
+    assert [len(pushes(trial, seconds)) for seconds in (1.9, 2.1)] == [0, 1]
+    assert [largest_push(trial, seconds) for seconds in (1.9, 2.1)] == [0.0, 20.0]
+    assert [f.kind for f in faults(trial, 1.9)] == ["press"]
+    assert faults(trial, 2.1) == []
+    assert not pushes(drawn())
 
 
 def test_path_is_missed_only_by_height_if_the_distance_on_the_board_is_small():
@@ -661,7 +686,7 @@ def test_report_and_page_list_faults_and_replay_commands(make_store, command, ou
         assert f"fmp-drake worlds {store.folder} --replay 7" in text
         assert "0.2 m nearer" in text
         assert "press.force" not in text  # It is in a picture.
-    pictures = {"followed.png", "success.png"}
+    pictures = {"README_followed.png", "README_success.png"}
     assert {p.name for p in outputs.iterdir()} == pictures | {"README.md"}
     assert texts[1].count("data:image/png;base64") == 2
 
@@ -776,6 +801,8 @@ def test_parquet_without_pyarrow_is_refused(make_store, refused, outputs, monkey
         (("default", "--out", "x", "--duration", 0), "duration is 0"),
         (("default", "--out", "x", "--html", "x.html"), "give its number by --replay"),
         (("default", "--replay", 1), "not a folder of trials"),
+        ((".", "--replay", 1, "--parquet", "x.parquet"), "leave out --replay"),
+        ((".", "--count", 3), "a folder of trials, to which --count does not apply"),
         (("default", "--out", "x", "--markdown", "x.html"), "end in .md"),
         (("moon", "--out", "x"), "there are no distributions moon"),
     ],

@@ -18,10 +18,13 @@ from fmp_drake.experiments.benchmark.splits import ALL, CYCLES
 from fmp_drake.experiments.report import Finding, write_report
 from fmp_drake.numeric import Array
 from fmp_drake.plots.style import PLAYED, SAMPLED, label_decades, series_style
+from fmp_drake.primitives.data.reading.table import count_text
 
 _COLUMNS = (*(f"{cycles:g}" for cycles in CYCLES), ALL)
 # Allowed percentages of the true samples in the tubes.
 _COVERAGE_BAND = (85, 99)
+# Greatest ratio of a playback to the demonstration that is drawn as it is.
+_MOST_RATIO = 2.0
 
 _Scores = Mapping[str, MethodScores]
 # Number of cycles, and name of a movement.
@@ -31,12 +34,15 @@ _Case = tuple[str, str]
 def benchmark_findings(scores: _Scores) -> list[Finding]:
     """Return the tables and pictures of all methods."""
     recordings = {run["movement"] for m in scores.values() for run in m.cleaning}
+    cleaning = [_cleaning(scores, recording) for recording in sorted(recordings)]
+    if not any(method.predictions for method in scores.values()):
+        return cleaning
     return [
         _errors(scores),
         _densities(scores),
         _coverage(scores),
         _playback(scores),
-        *(_cleaning(scores, recording) for recording in sorted(recordings)),
+        *cleaning,
         _movements(scores),
     ]
 
@@ -253,11 +259,12 @@ def _playback(scores: _Scores) -> Finding:
         summary,
         counts={name: str(len(playbacks)) for name, playbacks in runs.items()},
         missing="none in {}",
+        limits=(np.inf, *[_MOST_RATIO] * 3),
     )
     for ax, demonstrated in zip(axes, (100, 1, 1, 1), strict=True):
         ax.axvline(demonstrated, color="0.8", zorder=0)
     for ax in axes[1:]:
-        ax.set_xlim(0, 2)
+        ax.set_xlim(0, 1.02 * _MOST_RATIO)
     return Finding(
         name="benchmark_playback",
         title="Playback of a minute",
@@ -265,7 +272,8 @@ def _playback(scores: _Scores) -> Finding:
         "15 % of the movement's size of the demonstrated path. Size and tempo relative to "
         "the demonstration. Variety: difference of successive cycles, relative to that of "
         "the demonstration; 0 repeats itself exactly. Median, and the range of 80 %; "
-        "'none' counts playbacks in which no cycle repeats.",
+        f"'none' counts playbacks in which no cycle repeats. Ratios above {_MOST_RATIO:g} "
+        "are drawn at the edge, their medians as arrows.",
         figure=figure,
         table=table,
     )
@@ -316,6 +324,7 @@ def _summarised_runs(
     *,
     counts: Mapping[str, str],
     missing: str,
+    limits: Sequence[float] = (np.inf,) * 4,
 ) -> tuple[Figure, Sequence[Axes], list[list[str]]]:
     """Draw the first four measures of runs, and summarise all in a table.
 
@@ -331,6 +340,8 @@ def _summarised_runs(
         Number of runs of each method, as text.
     missing : str
         Text with a placeholder for the number of runs without a value.
+    limits : sequence of float, length 4
+        Values above these are drawn there.
 
     Returns
     -------
@@ -348,13 +359,16 @@ def _summarised_runs(
         for i, (measure, (_, factor, form)) in enumerate(measures.items()):
             numbers = [run[measure] for run in group if run[measure] is not None]
             if not numbers:
-                cells.append("-")
+                cells.append(missing.format(len(group)) if group else "-")
                 continue
             values = factor * np.array(numbers, dtype=float)
             if i < len(axes):
                 color = SAMPLED if name == FMP.name else "0.5"
-                axes[i].plot(values, [row] * len(values), "|", color=color, alpha=0.6)
-                axes[i].plot(np.median(values), row, "o", color=PLAYED, markersize=4)
+                most, middle = limits[i], np.median(values)
+                shown = np.minimum(values, most)
+                axes[i].plot(shown, [row] * len(shown), "|", color=color, alpha=0.6)
+                marker = "o" if middle <= most else ">"
+                axes[i].plot(min(middle, most), row, marker, color=PLAYED, markersize=4)
             count = len(group) - len(numbers)
             remark = f", {missing.format(count)}" if count else ""
             cells.append(f"{summary(values, form)}{remark}")
@@ -417,6 +431,7 @@ def _draw_lines(
 
 def write_benchmark(out: Path, scores: _Scores, *, folder: Path) -> None:
     """Write report.html of all methods into a folder."""
+    name = folder.resolve().name
     count = len({row["movement"] for m in scores.values() for row in m.predictions})
     failures = [
         f"{name} could not learn from {len(errors)} of {len(method.predictions)} "
@@ -424,15 +439,18 @@ def write_benchmark(out: Path, scores: _Scores, *, folder: Path) -> None:
         for name, method in scores.items()
         if (errors := [row["error"] for row in method.predictions if "error" in row])
     ]
+    methods = count_text(len(scores), "method")
     introduction = (
-        f"{len(scores)} methods on {count} movements in `{folder.name}`, 20 "
-        "samples per second. Each method learns from some cycles, observes half a second "
-        "of a held-out part, and predicts the next second. " + " ".join(failures)
+        f"{methods} on {count_text(count, 'movement')} in `{name}`, 20 samples per second. "
+        "Each method learns from some cycles, observes half a second of a held-out part, and "
+        "predicts the next second. " + " ".join(failures)
+        if count
+        else f"{methods}, which clean the board."
     )
     write_report(
         out,
         sections=[("All methods", benchmark_findings(scores))],
         introduction=introduction,
         results={name: asdict(method) for name, method in scores.items()},
-        title=f"Benchmark: {folder.name}",
+        title=f"Benchmark: {name if count else 'cleaning'}",
     )

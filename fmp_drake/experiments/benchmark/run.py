@@ -122,16 +122,23 @@ def run_benchmark(
     Raises
     ------
     ExperimentError
-        Where earlier scores of other methods are of other recordings.
+        Where earlier scores of other methods are of other recordings, or of another number
+        of predictions.
     """
     names = checked_methods(methods)
     movements = load_movements(folder, progress)
+    known = {(movement.name, movement.digest, instants) for movement in movements}
     for method, scores in read_scores(out).items():
-        scored = {row["movement"] for row in scores.predictions}
-        if method not in names and scored - {movement.name for movement in movements}:
+        others = {
+            str(row["movement"])
+            for row in scores.predictions
+            if (row["movement"], row.get("digest"), row.get("instants")) not in known
+        }
+        if method not in names and others:
             raise ExperimentError(
-                f"{out} has scores of {method} on {', '.join(sorted(scored))}, which are "
-                f"not all in {folder}. Give another folder by --out."
+                f"{out} has scores of {method} on {', '.join(sorted(others))}, which are not of "
+                f"the recordings in {folder}, or by another --quick. Give another folder "
+                "by --out."
             )
     for movement in movements:
         progress(
@@ -197,6 +204,8 @@ def score_method(
     for split in splits(movement, places=places):
         labels = {
             "movement": movement.name,
+            "digest": movement.digest,
+            "instants": instants,
             "cycles": split.cycles,
             "place": split.place,
         }
@@ -335,7 +344,13 @@ def read_scores(out: Path) -> dict[str, MethodScores]:
     """Read all JSON files of methods in a folder, the built-in methods first."""
     scores: dict[str, MethodScores] = {}
     for path in sorted(out.glob("method_*.json")):
-        content: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        scores[content["method"]] = MethodScores(**content)
+        try:
+            content: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+            scores[content["method"]] = MethodScores(**content)
+        except (ValueError, TypeError, KeyError) as error:
+            raise ExperimentError(
+                f"{path} holds no scores of a method ({error}); delete it, or give "
+                "another folder by --out."
+            ) from None
     order = [name for name in all_methods() if name in scores]
     return {name: scores[name] for name in dict.fromkeys([*order, *scores])}

@@ -1,8 +1,10 @@
 """Movements in a folder of recordings, and their splits into training and held-out parts."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +53,14 @@ class Movement:
         """Number of cycles in all parts."""
         return sum(map(len, self.parts)) / self.period
 
+    @property
+    def digest(self) -> str:
+        """Hash of the parts, by which scores of the same movement are known."""
+        digest = sha256(self.name.encode())
+        for part in self.parts:
+            digest.update(np.ascontiguousarray(part))
+        return digest.hexdigest()[:12]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Split:
@@ -95,11 +105,18 @@ def load_movements(
     movements: list[Movement] = []
     # Recordings of few cycles with their names, by these names without numbers.
     groups: dict[str, list[tuple[str, Array]]] = {}
-    for path in sorted(folder.iterdir()):
-        if path.name.startswith(".") or path.suffix.lower() in _OTHER_FILES:
-            continue
-        for values in _positions(path, progress):
-            name = path.stem
+    paths = [
+        path
+        for path in sorted(folder.iterdir())
+        if not path.name.startswith(".") and path.suffix.lower() not in _OTHER_FILES
+    ]
+    stems = Counter(path.stem for path in paths)
+    for path in paths:
+        recordings = list(_positions(path, progress))
+        for number, values in enumerate(recordings, 1):
+            name = path.stem if stems[path.stem] == 1 else path.name
+            if len(recordings) > 1:
+                name = f"{name}_{number}"
             with suppress(DemonstrationError):
                 movement = make_movement(name, [values])
                 if movement.cycles >= _LEAST_CYCLES:

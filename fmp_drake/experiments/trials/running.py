@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 import fmp_drake
 from fmp_drake.errors import ExperimentError, FmpError, RunError
-from fmp_drake.experiments.trials.spec import TrialSpec
+from fmp_drake.experiments.trials.spec import TrialSpec, own_files
 from fmp_drake.experiments.trials.store import TrialStore
 from fmp_drake.experiments.trials.trial import Trial
 from fmp_drake.primitives.data.files import write_text
@@ -64,14 +64,11 @@ def run_trials(
         Number of trials that have been run, and number of those that were missing.
     """
     seed, duration = int(store.plan["seed"]), float(store.plan["duration"])
-    code = code_version()
     run = run or partial(run_trial, duration=duration, force=force)
     with store.writing():
         finished = store.finished(force=force)
-        trials = [
-            replace(spec.draw(seed=seed, number=number), code=code)
-            for number in range(count)
-        ]
+        trials = [spec.draw(seed=seed, number=number) for number in range(count)]
+        trials = [replace(trial, code=trial_version(trial)) for trial in trials]
         missing = [trial for trial in trials if store.key(trial) not in finished]
         yield 0, len(missing)
         with closing(run_tasks(run, missing, workers)) as running:
@@ -101,10 +98,10 @@ def run_trial(trial: Trial, *, duration: float, force: bool) -> Trial:
     ExperimentError
         If the code of this process differs from that of the trial.
     """
-    if code_version() != trial.code:
+    if (version := trial_version(trial)) != trial.code:
         raise ExperimentError(
-            f"this process runs the code {code_version()}, its parent {trial.code}: the "
-            "code or a library has changed. Start the command again."
+            f"this process runs the code {version}, its parent {trial.code}: the code, a "
+            "library or a file of the scenario has changed. Start the command again."
         )
     begin = time.process_time()
     trial = replace(trial)
@@ -201,6 +198,19 @@ def make_run(text: str, **options: Any) -> StationRun:
     scenario = ParseScenario(text)
     skill, demonstrations = shared_skill(scenario)
     return MakeRun(scenario, skill, demonstrations=demonstrations, **options)
+
+
+def trial_version(trial: Trial) -> str:
+    """Return the `code_version`, and a hash of the scenario's own files, if it has any."""
+    digest, files = hashlib.sha256(), own_files(trial.fields)
+    for file in files:
+        digest.update(_content_hash(file, file.stat().st_mtime_ns))
+    return code_version() + (f"+{digest.hexdigest()[:8]}" if files else "")
+
+
+@cache
+def _content_hash(file: Path, _time: int) -> bytes:
+    return hashlib.sha256(file.read_bytes()).digest()
 
 
 @cache

@@ -161,13 +161,7 @@ class TrialSpec:
     def __init__(self, text: str, *, folder: Path = Path()) -> None:
         self.text = text
         self.folder = folder
-        check_yaml(text, "the specification", ExperimentError)
-        try:
-            content = yaml.safe_load(text) or {}
-        except (yaml.YAMLError, ValueError) as error:
-            raise ExperimentError(
-                f"the specification cannot be read as YAML: {error}."
-            ) from None
+        content = _read_yaml(text) or {}
         keys = content if isinstance(content, dict) else [content]
         if not isinstance(content, dict) or not set(content) <= set(_KEYS):
             raise ExperimentError(
@@ -216,15 +210,10 @@ class TrialSpec:
         except UnicodeDecodeError as error:
             raise ExperimentError(f"{file} is not text: {error}.") from None
         if robot is not None:
-            check_yaml(text, str(file), ExperimentError)
-            name = Path(robot).resolve() if Path(robot).is_file() else robot
-            # Workers read this text: the robot replaces that of the file in it.
-            root = yaml.compose(text, Loader=yaml.SafeLoader)
-            items = root.value if isinstance(root, yaml.MappingNode) else []
-            for key, value in items:
-                if key.value == "robot":
-                    text = text[: key.start_mark.index] + text[value.end_mark.index :]
-            text = f"{text.rstrip()}\nrobot: {name}\n"
+            name = str(Path(robot).resolve()) if Path(robot).is_file() else robot
+            content = _read_yaml(text) or {}
+            if isinstance(content, dict):  # Workers read this text.
+                text = yaml.dump(content | {"robot": name}, sort_keys=False)
         return cls(text, folder=file.parent)
 
     def plan(self, *, seed: int, duration: float) -> dict[str, str]:
@@ -329,6 +318,33 @@ class TrialSpec:
         """Return the absolute path of a file in the folder, any other value unchanged."""
         is_file = name in _FILES and value and (self.folder / str(value)).is_file()
         return str((self.folder / value).resolve()) if is_file else value
+
+
+def own_files(fields: Mapping[str, Any]) -> list[Path]:
+    """Return the files on which a scenario depends, but for those of the package."""
+    files: list[Path] = []
+    for name in (*_FILES, "robot"):
+        value: Any = fields
+        for key in name.split("."):
+            value = (value or {}).get(key)
+        file = Path(str(value or ""))
+        if not file.is_absolute() or file.is_relative_to(models_dir().resolve()):
+            continue
+        # A robot's model is beside it.
+        models = file.parent.glob("*.[us]*df") if name == "robot" else ()
+        files += [each for each in (file, *sorted(models)) if each.is_file()]
+    return files
+
+
+def _read_yaml(text: str) -> Any:
+    """Return the content of a specification."""
+    check_yaml(text, "the specification", ExperimentError)
+    try:
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError) as error:
+        raise ExperimentError(
+            f"the specification cannot be read as YAML: {error}."
+        ) from None
 
 
 def _as_mapping(value: Any) -> Any:

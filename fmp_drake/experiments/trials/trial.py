@@ -115,25 +115,25 @@ class Fault(NamedTuple):
     text: str
 
 
-def faults(trial: Trial) -> list[Fault]:
-    """Return the faults of a trial that was run, the most severe first."""
+def faults(trial: Trial, duration: float = math.inf) -> list[Fault]:
+    """Return the faults of a trial that was run for a time, the most severe first."""
     if trial.error:
         return [Fault("exception", 1e6, f"stopped with {trial.error}")]
-    violations = (fault for fault in _judged(trial) if fault.severity > 1)
+    violations = (fault for fault in _judged(trial, duration) if fault.severity > 1)
     return sorted(violations, key=lambda fault: -fault.severity)
 
 
-def is_pushed(trial: Trial, duration: float) -> bool:
-    """Return whether a disturbance starts before the end of the run."""
-    return any(push["start"] < duration for push in trial.fields["disturbances"])
+def pushes(trial: Trial, duration: float = math.inf) -> list[dict[str, Any]]:
+    """Return the disturbances that start before the end of the run."""
+    return [push for push in trial.fields["disturbances"] if push["start"] < duration]
 
 
-def largest_push(trial: Trial) -> float:
-    """Return the greatest force of the disturbances, N; 0 without any."""
+def largest_push(trial: Trial, duration: float = math.inf) -> float:
+    """Return the greatest force of the `pushes`, N; 0 without any."""
     return max(
         (
             math.hypot(*push["force"]) if push["kind"] == "push" else push["max_force"]
-            for push in trial.fields["disturbances"]
+            for push in pushes(trial, duration)
         ),
         default=0.0,
     )
@@ -161,10 +161,10 @@ def most_tilt(trial: Trial) -> float:
     return MOST_TILT_WITH_FRICTION if has_friction else MOST_TILT
 
 
-def _judged(trial: Trial) -> Iterator[Fault]:
+def _judged(trial: Trial, duration: float) -> Iterator[Fault]:
     """Yield everything that is judged; a severity up to 1 is not a fault."""
     metrics = trial.metrics or {}
-    pushes = trial.fields["disturbances"]
+    is_pushed = bool(pushes(trial, duration))
     desired = trial.fields["press"]["force"] if trial.has_board else 0.0
     robot = LoadRobot(trial.fields.get("robot", DEFAULT_ROBOT))
 
@@ -193,14 +193,14 @@ def _judged(trial: Trial) -> Iterator[Fault]:
     rms, most = on_board_rms(trial), value("tracking_max_m")
     text = f"follows its path to {1e3 * rms:.1f} mm rms, {1e3 * most:.0f} mm at most"
     yield Fault("path", rms / trial.tolerance, text)
-    if not pushes:
+    if not is_pushed:
         tilt, limit = value("orientation_rms_deg"), most_tilt(trial)
         text = f"is {tilt:.2f} degrees rms off its orientation, above {limit:g}"
         yield Fault("tilt", tilt / limit, text)
         error = value("normal_force_error_rms_n")
         text = f"is {error:.2f} N rms off the force of the skill, above "
         yield Fault("press", error / MOST_FORCE_ERROR, f"{text}{MOST_FORCE_ERROR:g}")
-    if not pushes and desired > 0:
+    if not is_pushed and desired > 0:
         fraction = value("normal_force_wanted_fraction", 1.0)
         text = (
             f"presses within 5 N of the desired {desired:.1f} N for "
@@ -215,7 +215,7 @@ def _judged(trial: Trial) -> Iterator[Fault]:
         if fraction > 0:
             yield Fault("press", 1 + LEAST_CONTACT - contact, text)
     force = value("normal_force_max_n")
-    limit = 2 * desired + largest_push(trial) + MOST_EXCESS
+    limit = 2 * desired + largest_push(trial, duration) + MOST_EXCESS
     text = f"presses with up to {force:.0f} N, above {limit:.0f} N"
     yield Fault("force", force / limit, text)
     for kind, name, what in (

@@ -1,6 +1,7 @@
 """Report of the trials of a store: success rates, faults and infeasible scenarios."""
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,10 +21,10 @@ from fmp_drake.experiments.trials.trial import (
     MOST_TILT_WITH_FRICTION,
     Trial,
     faults,
-    is_pushed,
     largest_push,
     misses_by_height,
     on_board_rms,
+    pushes,
 )
 from fmp_drake.numeric import is_number
 from fmp_drake.plots.style import (
@@ -58,6 +59,8 @@ _NOT_MEASURED = " The penetration of bodies was not measured."
 _REQUIRED_RATE, _ROWS = 0.99, 20
 # Bins of a parameter, and pictures in a row.
 _BINS, _COLUMNS = 6, 4
+# Letters that fit beside each other below a picture.
+_MOST_LETTERS = 24
 # Least number of trials that shows the influence of a parameter in several bins.
 _LEAST_TRIALS = 16
 # Ratio of a parameter's extremes above which its axis is logarithmic.
@@ -86,7 +89,9 @@ class TrialsReport:
         self._trials = store.trials()
         if not self._trials:
             raise ExperimentError(f"there are no trials in {store.folder} yet.")
-        self._faults = {t.number: faults(t) for t in self._trials if t.was_run}
+        self._duration = float(self._plan["duration"])
+        run = [t for t in self._trials if t.was_run]
+        self._faults = {t.number: faults(t, self._duration) for t in run}
         self._run = [t for t in self._trials if t.is_feasible and t.was_run]
         self._refused = [t for t in self._trials if not t.is_feasible]
         self._failed = [t for t in self._run if self._faults[t.number]]
@@ -118,7 +123,7 @@ class TrialsReport:
             sections=sections,
             introduction=self.verdict(),
             results=results,
-            title=f"{len(self._trials)} trials of {float(self._plan['duration']):g} s",
+            title=f"{len(self._trials)} trials of {self._duration:g} s",
             markdown=page,
         )
 
@@ -147,8 +152,7 @@ class TrialsReport:
         return {kind: sum(kind in faulty for faulty in kinds) for kind in _KINDS}
 
     def _by_push(self) -> dict[str, list[Trial]]:
-        duration = float(self._plan["duration"])
-        pushed = {t.number for t in self._run if is_pushed(t, duration)}
+        pushed = {t.number for t in self._run if pushes(t, self._duration)}
         return {
             "without disturbances": [t for t in self._run if t.number not in pushed],
             "with disturbances": [t for t in self._run if t.number in pushed],
@@ -235,12 +239,14 @@ class TrialsReport:
             if not name.endswith("seed")
             and all(name in t.parameters for t in self._run)
         }
-        parameters["largest push (N)"] = [largest_push(t) for t in self._run]
+        parameters["largest push (N)"] = [
+            largest_push(t, self._duration) for t in self._run
+        ]
         return Finding(
             name="success",
             title="Success rate against each parameter",
             shows="Points are success rates with their 95 % intervals, the grey line is the "
-            "rate of all trials, and an orange tick is a failed trial.",
+            "rate of all trials, and an orange tick is a failed trial, of numbers in bins.",
             figure=draw_success(
                 parameters, [not self._faults[t.number] for t in self._run]
             ),
@@ -248,7 +254,12 @@ class TrialsReport:
 
     def _worst(self) -> Finding:
         rows = [
-            [str(t.number), self._fault_text(t), _description(t), self._command(t)]
+            [
+                str(t.number),
+                self._fault_text(t),
+                _description(t, self._duration),
+                self._command(t),
+            ]
             for t in self._failed[:_ROWS]
         ]
         return Finding(
@@ -284,25 +295,26 @@ class TrialsReport:
 
     def _command(self, trial: Trial) -> str:
         page = f"trial_{trial.number}.html"
-        return (
-            f"`fmp-drake worlds {self._folder} --replay {trial.number} --html {page}`"
-        )
+        folder = shlex.quote(str(self._folder))
+        return f"`fmp-drake worlds {folder} --replay {trial.number} --html {page}`"
 
 
-def _description(trial: Trial) -> str:
+def _description(trial: Trial, duration: float) -> str:
     """Describe the scenario of a trial."""
     board, skill = trial.fields["board"], trial.fields["skill"]
     height = board["error"]["translation"][2]
     position = ", ".join(f"{value:.2f}" for value in board["translation"])
+    base, played = trial.parameters.get("base", ""), skill["demonstration"]
+    played = skill.get("file") or played
     parts = [
-        f"{trial.parameters.get('base', '')} {skill['demonstration']}".strip(),
+        f"{base} {played}".strip(),
         f"board at ({position}) m",
         f"{1e3 * abs(height):.1f} mm {'lower' if height < 0 else 'higher'} than assumed",
         f"felt of {trial.fields['eraser']['modulus'] / 1e3:.0f} kPa",
         f"tempo {skill['tempo']:.2f}",
         f"{trial.fields['press']['force']:.1f} N",
     ]
-    push = largest_push(trial)
+    push = largest_push(trial, duration)
     return ", ".join([*parts, f"pushed with {push:.0f} N"] if push else parts)
 
 
@@ -392,7 +404,8 @@ def _draw_numbers(ax: Axes, values: Any, passed: Any) -> None:
 
 def _draw_choices(ax: Axes, values: Sequence[Any], passed: Sequence[bool]) -> None:
     choices = {str(value): value for value in values}
-    names = sorted(choices)
+    are_numbers = all(map(is_number, values))
+    names = sorted(choices, key=choices.__getitem__ if are_numbers else None)
     for i, choice in enumerate(names):
         pairs = zip(values, passed, strict=True)
         _draw_fraction(ax, i, [ok for value, ok in pairs if str(value) == choice])
@@ -400,6 +413,11 @@ def _draw_choices(ax: Axes, values: Sequence[Any], passed: Sequence[bool]) -> No
         f"{choices[n]:.3g}" if isinstance(choices[n], float) else n for n in names
     ]
     ax.set_xticks(range(len(names)), labels)
+    if len(names) > 1 and sum(map(len, labels)) > _MOST_LETTERS:
+        ax.tick_params(axis="x", rotation=30)
+        for label in ax.get_xticklabels():
+            label.set_horizontalalignment("right")
+            label.set_rotation_mode("anchor")
     ax.set_xlim(-0.5, len(names) - 0.5)
 
 
@@ -432,7 +450,8 @@ def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
             ax.plot(np.abs(values), order, ".-", color=color, linewidth=1, label=name)
     path_axes.set_xscale("log")
     label_decades(path_axes.xaxis, (1.0, 2.0, 5.0))
-    path_axes.set_xlim(10, max(200, 1.1 * path_axes.get_xlim()[1]))
+    low, high = path_axes.get_xlim()
+    path_axes.set_xlim(min(10, low), max(200, 1.1 * high))
     path_axes.set_xlabel("rms distance from the path (% of the tolerance)")
     path_axes.set_ylabel("trials at least as good (%)")
     force_axes.set_xlabel("time in contact within 5 N of the desired force (%)")
