@@ -432,8 +432,11 @@ class RecordingOptions:
         "Topic of a bag, feature of a dataset, or sensor of a table of several.",
         basic=False,
     )
-    quaternions: Literal["xyzw", "wxyz"] = option(
-        "xyzw", "Order of the elements of quaternions without names.", basic=False
+    quaternions: Literal["xyzw", "wxyz"] | None = option(
+        None,
+        "Order of the elements of quaternions without names [default: that with which "
+        "recorded joints agree, otherwise xyzw].",
+        basic=False,
     )
 
     def reading(self) -> ReadingOptions:

@@ -1,15 +1,18 @@
 """Eraser paths from recorded joint angles of a robot, by forward kinematics."""
 
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration
-from fmp_drake.primitives.data.channels import POSITION_CHANNELS
+from fmp_drake.primitives.data.channels import POSITION_CHANNELS, ROTATION_CHANNELS
+from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.primitives.data.reading.columns import JOINT, NO_MEASURED_ANGLES
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.station import LoadRobot
@@ -17,6 +20,9 @@ from fmp_drake.station.robots.robot import DEFAULT_ROBOT, ListRobots, MakeRobotM
 from fmp_drake.station.scenario_parts import EraserConfig
 
 _MARGIN = 0.05  # rad
+# Samples and distances between them of which the rotations are compared, and the greatest
+# difference relative to these rotations.
+_SAMPLES, _LAGS, _AGREES = 200, (1, 20, 67), 0.1
 # Words after and before the name of a joint that do not distinguish arms.
 _ANGLE = re.compile(r"([_./ ]?(pos(itions?)?|angles?))?([_ ](in_)?(rad|deg))?$")
 _OF_A_ROBOT = re.compile(r"^((robot\d*|arm|observation|obs|state|measured)[_./])+")
@@ -105,6 +111,45 @@ def FindRobot(demonstration: Demonstration, *, robot: str) -> str | None:
         if RobotJoints(demonstration, robot=other, needs_own_names=True):
             return other
     return None
+
+
+def ArmThatTurns(demonstration: Demonstration, *, backwards: bool = False) -> str:
+    """Return the bundled robot whose joints turn as the recorded orientation, or "".
+
+    How the robot and the tool are mounted is unknown, so rotations between samples are
+    compared up to one constant rotation.
+
+    Parameters
+    ----------
+    demonstration : Demonstration
+        With an orientation and the joints of a robot.
+    backwards : bool
+        Whether to compare with the inverse rotations. A quaternion whose elements are read
+        in the wrong order is the inverse of the right one, but for constant rotations.
+    """
+    reference = demonstration.rotation_reference
+    arms = {r: RobotJoints(demonstration, robot=r) for r in ListRobots()}
+    if reference is None or not any(arms.values()):
+        return ""
+    samples = np.linspace(0, len(demonstration.time) - 1, _SAMPLES).astype(int)
+    part = demonstration.rows(samples)
+    recorded = rotations_of(part.select(ROTATION_CHANNELS).values, reference)
+    for robot, joints in arms.items():
+        if not joints:
+            continue
+        poses = MakeRobotModel(LoadRobot(robot)).tip_poses(part.select(joints).values)
+        arm = Rotation.from_matrix([X_WE.rotation().matrix() for X_WE in poses])
+        turns = [
+            (rotations * rotations[np.roll(np.arange(_SAMPLES), lag)].inv()).as_rotvec()
+            for rotations in (recorded, arm.inv() if backwards else arm)
+            for lag in _LAGS
+        ]
+        ours, theirs = np.split(np.concatenate(turns), 2)
+        with warnings.catch_warnings(action="ignore"):  # Turns about one axis.
+            _, distance = Rotation.align_vectors(ours, theirs)
+        if distance < _AGREES * np.linalg.norm(ours):
+            return robot
+    return ""
 
 
 def EraserPath(

@@ -20,7 +20,12 @@ from fmp_drake.primitives.data.channels import (
 from fmp_drake.primitives.data.reading.columns import NO_POSITION, SEVERAL
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
-from fmp_drake.skills.joint_recording import EraserPath, FindRobot, RobotJoints
+from fmp_drake.skills.joint_recording import (
+    ArmThatTurns,
+    EraserPath,
+    FindRobot,
+    RobotJoints,
+)
 from fmp_drake.skills.surface_placement import (
     BORDER,
     check_scale,
@@ -290,7 +295,17 @@ def load_as_recorded(
 ) -> tuple[list[Demonstration], list[str]]:
     """Load demonstrations with all their channels, and remarks on recognised parts."""
     check_number(stretch, "stretch", above=0, error=DemonstrationError)
+    reading = reading or ReadingOptions()
     demonstrations, remarks = read_demonstrations(paths, reading)
+    if reading.quaternions is None:
+        robots = {ArmThatTurns(d, backwards=True) for d in demonstrations} - {""}
+        if robots and not any(map(ArmThatTurns, demonstrations)):
+            reading = replace(reading, quaternions="wxyz")
+            demonstrations, remarks = read_demonstrations(paths, reading)
+            remarks.append(
+                f"the joints of {min(robots)} turn like quaternions w, x, y, z, and not "
+                "like x, y, z, w"
+            )
     if stretch != 1.0:
         demonstrations = [replace(d, time=d.time * stretch) for d in demonstrations]
     return demonstrations, remarks

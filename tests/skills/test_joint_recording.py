@@ -7,11 +7,13 @@ import pytest
 from numpy.testing import assert_allclose
 from pydrake.multibody.plant import MultibodyPlant
 from recorded_files import JOINTS, TIME
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives import Demonstration
+from fmp_drake.primitives import Demonstration, ReadingOptions
+from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.skills import EraserPath, RobotJoints
-from fmp_drake.skills.placement import place_on_board
+from fmp_drake.skills.placement import load_as_recorded, place_on_board
 from fmp_drake.station import AddRobot, LoadRobot, Scenario
 
 # Denavit and Hartenberg's parameters (Craig) as Franka publishes them: a, d, alpha.
@@ -27,7 +29,7 @@ LINKS = (
 FELT = 0.107 + 0.100  # From the seventh joint to the flange, to the felt, m.
 
 
-def forward(q):
+def pose_of(q):
     pose = np.eye(4)
     for angle, (a, d, alpha) in zip(q, LINKS, strict=True):
         c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
@@ -37,7 +39,47 @@ def forward(q):
             [s * sa, c * sa, ca, d * ca],
             [0, 0, 0, 1],
         ]
-    return (pose @ [0, 0, FELT, 1])[:3]
+    return pose
+
+
+def forward(q):
+    return (pose_of(q) @ [0, 0, FELT, 1])[:3]
+
+
+def turning(folder, order, joints=JOINTS, **given):
+    """Read a file of joints, positions and quaternions; return it and the orientations."""
+    base, tool = Rotation.random(2, random_state=3)
+    poses = np.array([pose_of(q) for q in joints])
+    turns = base * Rotation.from_matrix(poses[:, :3, :3]) * tool
+    quaternions = turns.as_quat()[:, ["xyzw".index(axis) for axis in order]]
+    file = folder / "d.npz"
+    np.savez(
+        file, time=TIME, position=poses[:, :3, 3], quaternion=quaternions, joints=joints
+    )
+    reading = ReadingOptions(all_arrays=True, **given)
+    (found,), remarks = load_as_recorded([file], stretch=1.0, reading=reading)
+    vectors = found.select(["rx", "ry", "rz"]).values
+    return rotations_of(vectors, found.rotation_reference), turns, " ".join(remarks)
+
+
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
+def test_joints_tell_the_order_of_quaternions(order, tmp_path):
+    found, truth, remarks = turning(tmp_path, order)
+    assert np.max((found.inv() * truth).magnitude()) < 1e-6
+    assert ("joints of panda turn like quaternions w" in remarks) == (order == "wxyz")
+
+
+def test_order_of_quaternions_that_is_given_is_kept(tmp_path):
+    found, truth, _ = turning(tmp_path, "wxyz", quaternions="xyzw")
+    assert np.max((found.inv() * truth).magnitude()) > 0.5
+
+
+def test_a_turn_about_one_axis_does_not_tell_the_order_of_quaternions(tmp_path):
+    joints = np.tile(JOINTS[0], (len(TIME), 1))
+    joints[:, 6] = JOINTS[:, 6]
+    _, _, remarks = turning(tmp_path, "wxyz", joints)
+    assert "turn like" not in remarks
+    assert "read as x, y, z, w; if it is w, x, y, z" in remarks
 
 
 def recorded(values=JOINTS, name="panda_joint{}", first=1, extra=(), count=7):

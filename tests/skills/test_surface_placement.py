@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives import Demonstration, ReadingOptions, add_orientation
+from fmp_drake.primitives import Demonstration, add_orientation
 from fmp_drake.primitives.data.orientation import as_rotation, skill_rotations
 from fmp_drake.skills.learning import learn_skill
 from fmp_drake.skills.placement import load_on_board
@@ -428,8 +428,6 @@ def test_real_recordings_are_placed_and_learned(
         scenario=scenario,
         transform=None,
         stretch=1.0,
-        # The numbers are w, x, y, z: only then the tool is where its joints say.
-        reading=ReadingOptions(quaternions="wxyz"),
         surface="fitted",
         extra=("orientation", "force"),
     )

@@ -18,6 +18,7 @@ from pydrake.geometry import (
     SceneGraph,
     Sphere,
 )
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JointActuator, ModelInstanceIndex
@@ -147,16 +148,20 @@ class Robot:
         )
 
     def tip_positions(self, angles: ArrayLike) -> Array:
-        """Return p_WE, shape (N, 3), m, for joint angles (N, n), rad.
+        """Return p_WE, shape (N, 3), m, for joint angles (N, n), rad; see `tip_poses`."""
+        return np.array([X_WE.translation() for X_WE in self.tip_poses(angles)])
+
+    def tip_poses(self, angles: ArrayLike) -> list[RigidTransform]:
+        """Return the N poses X_WE for joint angles (N, n), rad.
 
         The plant is that of `MakeRobotModel`.
         """
         context = self.plant.CreateDefaultContext()
-        positions = []
+        poses = []
         for q in np.asarray(angles):
             self.plant.SetPositions(context, q)
-            positions.append(self.tip.CalcPoseInWorld(context).translation())
-        return np.array(positions)
+            poses.append(self.tip.CalcPoseInWorld(context))
+        return poses
 
 
 def ListRobots() -> list[str]:

@@ -149,7 +149,7 @@ def _recognise(
     None where nothing is recognised.
     """
     count = values.shape[1]
-    order = [options.quaternions.index(axis) for axis in "xyzw"]
+    order = [options.quaternion_order.index(axis) for axis in "xyzw"]
     stem = f"{prefix}_" if prefix else ""
     pose = [f"{stem}{name}" for name in _POSE]
     units = ["m"] * 3 + [""] * 4

@@ -188,10 +188,10 @@ class ReadingOptions:
         Samples per second (Hz), instead of a time column.
     topic : str
         Topic of a bag, feature of a dataset (`action`), or sensor in a table of several.
-    quaternions : {"xyzw", "wxyz"}
-        Order of the four numbers of an array whose file does not name them. It cannot
-        be inferred: either order gives unit quaternions with equal angles between
-        samples.
+    quaternions : {"xyzw", "wxyz"}, optional
+        Order of the four numbers of an array whose file does not name them; "xyzw" where
+        None. The numbers alone do not tell: either order gives unit quaternions with equal
+        angles between samples.
     all_arrays : bool
         Whether to read all arrays of an `.npz` file instead of its position alone.
 
@@ -205,7 +205,7 @@ class ReadingOptions:
     unit: str = ""
     sample_rate: float | None = None
     topic: str = ""
-    quaternions: str = "xyzw"
+    quaternions: str | None = None
     all_arrays: bool = False
 
     def __post_init__(self) -> None:
@@ -214,7 +214,7 @@ class ReadingOptions:
             check_number(
                 self.sample_rate, "the sample rate", above=0, error=SkillFileError
             )
-        if self.quaternions not in ("xyzw", "wxyz"):
+        if self.quaternions not in (None, "xyzw", "wxyz"):
             raise SkillFileError(
                 f"the order of quaternions is {self.quaternions!r}; choose xyzw or wxyz."
             )
@@ -236,11 +236,17 @@ class ReadingOptions:
         sources = {name.strip(): source.strip() for name, _, source in pairs}
         return cls(columns=sources, **others)
 
+    @property
+    def quaternion_order(self) -> str:
+        """The order in which unnamed quaternions are read."""
+        return self.quaternions or "xyzw"
+
     def quaternion_remark(self, name: str) -> str:
         """Return a remark on the order in which unnamed quaternions are read."""
-        other = "wxyz" if self.quaternions == "xyzw" else "xyzw"
+        order = self.quaternion_order
+        other = "wxyz" if order == "xyzw" else "xyzw"
         return (
-            f"the quaternion from {name} is read as {', '.join(self.quaternions)}; if it is "
+            f"the quaternion from {name} is read as {', '.join(order)}; if it is "
             f"{', '.join(other)}, add --quaternions {other}"
         )
 
