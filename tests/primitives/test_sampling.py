@@ -1,5 +1,7 @@
 """Facts about which samples are played: those that stay within what was shown."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -107,6 +109,27 @@ def test_choice_draws_samples_out_where_the_region_allows_it(skill):
         for p in (free, wide)
     )
     assert_allclose(far, 1.5 * near, atol=1e-12)
+
+
+def test_choice_does_not_draw_out_a_force(wiping_demonstration):
+    noise = np.random.default_rng(0).normal(10, 2, len(wiping_demonstration.time))
+    demonstration = replace(
+        wiping_demonstration,
+        values=np.column_stack([wiping_demonstration.values, noise]),
+        channels=(*wiping_demonstration.channels, "force"),
+        units=(*wiping_demonstration.units, "N"),
+    )
+    skill = FourierMovementPrimitive(model="phase", n_components=40).fit(demonstration)
+    free, wide = Player(skill, margin=None), Player(skill, margin=5.0)
+    state = free.start(on_path(skill))
+    near, far = (
+        skill.synthesize(
+            p.track_sample(state, count=16, score=lambda v: -np.arange(len(v))).target
+        )
+        for p in (free, wide)
+    )
+    assert_allclose(far[:, 3], near[:, 3], atol=1e-9)
+    assert np.all(np.max(np.abs(far - near), axis=0)[:2] > 0.003)
 
 
 def test_return_of_samples_is_hardly_farther_out_than_that_of_the_mean(skill):

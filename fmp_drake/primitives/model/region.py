@@ -120,6 +120,18 @@ class DemonstratedRegion:
             remaining = remaining[~fits]
         return fractions
 
+    def largest_parts(
+        self, steady: Array, deviations: Array, *, others: float
+    ) -> Array:
+        """Return the largest parts of the deviations of each channel, shape (S, D).
+
+        They are the `largest_fractions`, of channels that are not bounded at most `others`.
+        """
+        fractions = self.largest_fractions(steady, deviations)[:, None]
+        parts = np.repeat(np.minimum(fractions, others), deviations.shape[2], axis=1)
+        parts[:, self._channels] = fractions
+        return parts
+
 
 def automatic_margin(skill: "FourierMovementPrimitive") -> float | None:
     """Return a fifth of the half width of a movement, m; None without paths in m."""

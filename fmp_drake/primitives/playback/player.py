@@ -49,8 +49,7 @@ _ROUNDING = 1e-6
 # Largest factor on the distance of a sample from the mean, or, with a phase model, from
 # the cycle. Chosen on the bundled wiping: with 3, an eraser that follows exactly also
 # cleans polishing and the 8 sooner than with 1.5 or 2; 4 and 6 are no better.
-_WIDENING = 1.5
-_WIDENING_RESIDUAL = 3.0
+_WIDENING = {"mixture": 1.5, "phase": 3.0}
 # Greatest number of samples that are tried until a movement stays in the region.
 _TRIES = 8
 # Number of phases that are compared with a motion, their greatest distance from the
@@ -368,7 +367,7 @@ class Player:
         movement out. With a score, samples are also moved away from the mean, as far as
         the region allows, because the best samples often lie at its boundary. They are
         moved by up to 1.5 times their difference from the mean, or 3 times that from
-        the cycle of a phase model.
+        the cycle of a phase model, whose orientation and force are not moved away.
 
         Parameters
         ----------
@@ -402,8 +401,8 @@ class Player:
         centre, deviation = skill.draw(state.component, rng, count, past=past)
         if region is None and score is None:
             return self._tracking(state, centre[0] + deviation[0])
-        if region is not None and score is not None:
-            deviation *= _WIDENING if skill.phase_model_ is None else _WIDENING_RESIDUAL
+        widening = 1.0 if region is None or score is None else _WIDENING[skill.model_]
+        deviation *= widening
         if skill.phase_model_ is not None:
             # The last candidate is the expected window, which was checked to stay inside.
             expected = skill.expected(state.component, past)
@@ -414,9 +413,10 @@ class Player:
         ticks = skill.overlap - 1 + self.ticks_between_remaps - state.step
         steady, values = steady[..., :ticks, :], values[:, :ticks]
         if region is not None:
-            fractions = region.largest_fractions(steady, values)
-            deviation *= fractions[:, None]
-            values *= fractions[:, None, None]
+            others = 1.0 if skill.phase_model_ is None else 1 / widening
+            parts = region.largest_parts(steady, values, others=others)
+            deviation *= np.repeat(parts, skill.n_steps, axis=1)
+            values *= parts[:, None]
         values += steady
         targets = centre + deviation
         order = np.arange(count)
