@@ -132,10 +132,12 @@ class RunEvents:
     ----------
     most_force : float
         Normal force above which it is an event, also where the controller measures none, N.
+    compliance : float
+        Of the felt, m/N: in contact the eraser is lower than the board by its compression.
     """
 
-    def __init__(self, most_force: float = np.inf) -> None:
-        self._most_force = most_force
+    def __init__(self, most_force: float = np.inf, *, compliance: float = 0.0) -> None:
+        self._most_force, self._compliance = most_force, compliance
         self._forces = Occurrences(_FORCE, "up to {:.0f} N")
         stop = CONDITIONS[StatusFlag.PROTECTIVE_STOP].event
         self._stops = {
@@ -187,13 +189,14 @@ class RunEvents:
         for flag, stop in self._stops.items():
             stop.update(times, centimetres * ((stopped > 0) & (cause & flag > 0)))
 
-        # In contact, the tracking error along the normal is the error of the board's height.
+        # In contact, the eraser shows the height of the board.
         in_contact = (flags[rows] & (int(StatusFlag.CONTACT_LOST) | _NO_TARGET)) == 0
         in_contact &= (position_times >= self._contact) & (status[rows, 4] != 0)
-        if np.any(in_contact):
-            heights = np.clip(
-                np.rint(1e3 * error[in_contact, 2]), -_MAX_HEIGHT, _MAX_HEIGHT
-            )
+        if np.any(in_contact) and len(pressing):
+            heights = chunk["measured_position"].values[in_contact, 2]
+            felt = np.interp(position_times[in_contact], force.times, pressing)
+            heights = np.rint(1e3 * (heights + self._compliance * felt))
+            heights = np.clip(heights, -_MAX_HEIGHT, _MAX_HEIGHT)
             np.add.at(self._heights, heights.astype(int) + _MAX_HEIGHT, 1)
 
     def result(self) -> list[RunEvent]:

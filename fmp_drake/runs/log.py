@@ -145,7 +145,11 @@ SIGNALS = {name: SignalKind(*kind) for name, kind in _KINDS.items()}
 
 
 def skill_signals(
-    channels: Sequence[str], units: Sequence[str], *, weights: int
+    channels: Sequence[str],
+    units: Sequence[str],
+    *,
+    weights: int,
+    is_curved: bool = False,
 ) -> dict[str, SignalKind]:
     """Return `SIGNALS` with the names and units of a skill's channels.
 
@@ -155,6 +159,9 @@ def skill_signals(
         Of the skill.
     weights : int
         Number of weights for each channel.
+    is_curved : bool
+        Whether the surface is curved: positions are (u, v, h) then, and velocities and
+        errors are those in the moving task frame T.
 
     Examples
     --------
@@ -162,8 +169,22 @@ def skill_signals(
     >>> kinds["covariance"].columns
     ('xx', 'forcex', 'xforce', 'forceforce')
     """
+    signals = dict(SIGNALS)
+    if is_curved:
+        for name in ("desired_position", "measured_position"):
+            signals[name] = SIGNALS[name]._replace(meaning="(u, v, h)", frame="")
+        signals |= {
+            name: SIGNALS[name]._replace(
+                meaning=f"{SIGNALS[name].meaning}, of (u, v, h)"
+            )
+            for name in ("desired_velocity", "desired_acceleration")
+        }
+        velocity = SIGNALS["measured_velocity"]
+        velocity = velocity._replace(meaning="of E relative to the target", frame="T")
+        signals["measured_velocity"] = velocity
+        signals["tracking_error"] = SIGNALS["tracking_error"]._replace(frame="T")
     if len(channels) == 3 and set(units) == {"m"}:
-        return SIGNALS
+        return signals
     pairs = [(a, b) for a in range(len(units)) for b in range(len(units))]
     covariance = SIGNALS["covariance"]._replace(
         columns=tuple(channels[b] + channels[a] for a, b in pairs),
@@ -172,7 +193,7 @@ def skill_signals(
     kind = SIGNALS["weights"]._replace(
         unit=",".join(unit for unit in units for _ in range(weights))
     )
-    return {**SIGNALS, "covariance": covariance, "weights": kind}
+    return signals | {"covariance": covariance, "weights": kind}
 
 
 def pop_samples(

@@ -404,10 +404,10 @@ class RunMetrics:
             self._region,
         )
         excess = scenario.impedance.watchdog.max_excess_force
-        self._events = RunEvents(np.inf if has_force else 2 * press.force + excess)
-        # The eraser is lower than the board by the compression of its felt, m.
-        ratio = press.force / FeltForceLimit(scenario.eraser)
-        self._felt_depth = 0.0 if has_force else ratio * FELT_DEPTH
+        self._events = RunEvents(
+            np.inf if has_force else 2 * press.force + excess,
+            compliance=FELT_DEPTH / FeltForceLimit(scenario.eraser),
+        )
 
     def update(self, chunk: Chunk, *, played: Chunk | None = None) -> None:
         """Add the next samples of `metric_signals`.
@@ -432,10 +432,7 @@ class RunMetrics:
         """Return the metrics so far."""
         parts = (*self._played, self._limits)
         result = {name: x for part in parts for name, x in part.result().items()}
-        height = self._events.board_height_error
-        if height is not None:
-            height += self._felt_depth
-        result["board_height_error_m"] = height
+        result["board_height_error_m"] = self._events.board_height_error
         for name in () if self._has_board else _BOARD_METRICS:
             del result[name]
         return result
@@ -470,8 +467,10 @@ def ink_metrics(
     inked = initial_ink >= CLEAN_BELOW
     target = area & inked
     spots = missed_spots(ink, target, grid=grid)
-    times = _RESOLUTION * np.arange(int(seconds / _RESOLUTION) + 1)
-    times_reached = times_to_clean(times, cleaned_history(erase_time, target, times))
+    times = _RESOLUTION * np.arange(int(seconds / _RESOLUTION + 1e-6) + 1)
+    # The times of events are sums, with rounding errors.
+    history = cleaned_history(erase_time, target, times + 1e-9)
+    times_reached = times_to_clean(times, history)
     return {
         "cleaned_fraction": cleaned_fraction(ink, inked),
         "cleaned_fraction_of_demonstrated_area": spots.cleaned_fraction,

@@ -302,6 +302,7 @@ class StationRun:
                 skill.units_,
                 weights=self._primitive.GetOutputPort("weights").size()
                 // skill.n_channels_,
+                is_curved=not self.scenario.board.curvature().is_plane,
             ),
         )
 

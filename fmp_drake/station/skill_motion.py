@@ -258,6 +258,8 @@ def AddSkill(
             builder.ExportOutput(parts[name], name)
     if choice is not None and measured.ink is not None:
         builder.Connect(measured.ink, primitive.GetInputPort("ink"))
+    if measured.ink_position is not None:
+        builder.Connect(position, measured.ink_position)
     if scene.is_simulated:
         builder.Connect(covariance, controller.GetInputPort("covariance"))
     for order, name in enumerate(DESIRED):

@@ -83,6 +83,23 @@ def test_simulated_robot_follows_its_inputs():
     assert_allclose(free, 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("name", "source"),
+    [("table_top", "controller"), ("wipe_dome", "measured_coordinates")],
+)
+def test_ink_of_a_real_arm_follows_the_position_on_the_surface(
+    name, source, restless_skill
+):
+    scenario, lcm = LoadScenario(name), DrakeLcm("memq://")
+    station = MakeStation(scenario, restless_skill, driver=LcmPanda(), lcm=lcm)
+    ink = station.GetSubsystemByName("wiped_area")
+    port = ink.GetInputPort("measured_position").get_index()
+    (sender,) = [
+        output[0] for i, output in station.connection_map().items() if i == (ink, port)
+    ]
+    assert sender.get_name() == source
+
+
 def test_a_board_that_moves_is_refused_where_nothing_measures_it():
     with pytest.raises(StationError, match=r"motion.amplitude is 0.* Set it to 0"):
         MakeStation(

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
 
 from fmp_drake.station.board_scene import BoardScene
 from fmp_drake.systems import InkBoard
@@ -21,6 +21,8 @@ class Measurements:
         Of the tool on the surface, N.
     ink : OutputPort or None
         Remaining ink, for the selection of samples.
+    ink_position : InputPort or None
+        For the position on the surface, where the ink follows from it.
     ink_board : InkBoard or None
         The simulated ink.
     """
@@ -28,6 +30,7 @@ class Measurements:
     status: OutputPort
     normal_force: OutputPort
     ink: OutputPort | None = None
+    ink_position: InputPort | None = None
     ink_board: InkBoard | None = None
 
 

@@ -57,10 +57,12 @@ class Wiping(Task):
                 return measured
             x, y = scenario.eraser.footprint
             ink = builder.AddSystem(WipedArea(BoardGrid(scenario), footprint=(x, y)))
-            position = controller.GetOutputPort("measured_position")
-            builder.Connect(position, ink.GetInputPort("measured_position"))
             builder.Connect(measured.normal_force, ink.GetInputPort("normal_force"))
-            return replace(measured, ink=ink.get_output_port())
+            return replace(
+                measured,
+                ink=ink.get_output_port(),
+                ink_position=ink.GetInputPort("measured_position"),
+            )
         ink_board = AddInk(builder, scene)
         for i in range(ink_board.num_output_ports()):
             port = ink_board.get_output_port(i)
