@@ -795,6 +795,23 @@ def test_the_phase_of_a_playback_runs_on_from_cycle_to_cycle(small):
         assert steps.max() < 3 * steps.mean()
 
 
+def test_a_height_that_hardly_varies_does_not_drive_the_other_channels():
+    # What a low-pass filter leaves of an approach, 0.1 micrometres, on 25 fast circles.
+    time = np.arange(0, 20, 0.02)
+    rng = np.random.default_rng(0)
+    phase = 2 * np.pi * np.cumsum(1.25 + 0.1 * rng.standard_normal(len(time))) * 0.02
+    xy = 0.06 * np.column_stack([np.cos(phase), np.sin(phase)])
+    xy += np.cumsum(rng.normal(0, 2e-4, xy.shape), axis=0)
+    ringing = 1e-7 * np.exp(-time) * np.cos(40 * time)
+    demonstration = Demonstration(time=time, values=np.column_stack([xy, ringing]))
+    skill = FourierMovementPrimitive(model="phase").fit(demonstration)
+    path = Player(skill).rollout([0.06, 0.0, 0.05], 10.0).position
+    # From rest the movement begins with a larger curve.
+    assert np.max(np.abs(path[:, :2])) < 2.5 * np.max(np.abs(xy))
+    assert np.max(np.abs(path[40:, :2])) < 1.2 * np.max(np.abs(xy))
+    assert np.max(np.abs(path[40:, 2])) < 0.005
+
+
 def test_playback_of_a_mixture_has_no_phase(small_skill):
     player = Player(small_skill)
     with pytest.raises(SkillError, match="a mixture, which has no phase"):

@@ -26,6 +26,8 @@ _MOST_DEVIATION = 2.5
 _GRID_PHASES = 64
 _KERNEL_WIDTH = 0.3
 _PRIOR_CYCLES = 3.0
+# Variance of a channel relative to the greatest below which it hardly differs from the cycle.
+_LEAST_VARIANCE = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -342,7 +344,18 @@ class Residual:
         whitened = [
             residual.standardised(p, x) for p, x in zip(phases, residuals, strict=True)
         ]
-        process = Autoregression.fit(whitened, order=_RESIDUAL_ORDER)
+        # A channel that hardly differs from the cycle, such as the height of a path on a
+        # board, says nothing about the others. It keeps the shared process.
+        size = np.diag(overall)
+        varies = (size == 0) | (size > _LEAST_VARIANCE * np.max(size))
+        varying = [v[:, varies] for v in whitened]
+        own = Autoregression.fit(varying, order=_RESIDUAL_ORDER)
+        coefficients, innovation = process.coefficients.copy(), process.innovation.copy()
+        coefficients[:, np.outer(varies, varies)] = own.coefficients.reshape(
+            _RESIDUAL_ORDER, -1
+        )
+        innovation[np.outer(varies, varies)] = own.innovation.ravel()
+        process = Autoregression(coefficients=coefficients, innovation=innovation)
         return replace(residual, process=process)
 
     def values(self, phase: Array, v: Array) -> Array:
