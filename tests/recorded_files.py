@@ -230,6 +230,12 @@ def rostopic_echo_in_yaml(folder):
     return write(folder, 400 * message, "d.txt")
 
 
+def bursts(folder):
+    """Twelve samples every 0.24 s, as a network delivers them."""
+    k = np.arange(len(TIME))
+    return write(folder, xyz(k // 12 * 0.24 + k % 12 * 1e-4, header="time,x,y,z"))
+
+
 def short_t(folder):
     return write(folder, xyz(header="t,x,y,z"))
 

@@ -123,8 +123,8 @@ def fit_placement(
     Only the bouts of the movement count: what is not learned, such as an approach from
     afar, neither moves nor scales it. The plane near which the tool stays longest becomes
     the surface; the path leaves it upwards, and so does the rest of the recording. The
-    board's x axis is the projection of the recording's x axis, or of its y
-    axis where x is nearly normal to the plane. The middle of the
+    board's x axis is the projection of the recording's x axis, or where that is nearly
+    normal to the plane, of its z axis: upwards, if the plane faces -x. The middle of the
     path's bounding box becomes the middle of the board, and a path that is too large
     is scaled down to the usable size.
 
@@ -159,7 +159,8 @@ def fit_placement(
     centre, normal = _longest_plane(points)
     if len(others) and np.median((others - centre) @ normal) < -_TOUCH:
         normal = -normal
-    forward = np.eye(3)[1 if abs(normal[0]) > 0.9 else 0]
+    is_steep = abs(normal[0]) > 0.9
+    forward = -np.sign(normal[0]) * np.eye(3)[2] if is_steep else np.eye(3)[0]
     x = forward - (forward @ normal) * normal
     x /= np.linalg.norm(x)
     rotation = np.stack([x, np.cross(normal, x), normal])

@@ -23,8 +23,11 @@ _TO_SIGMA = 1.4826
 # ones are within the error of a recorded contact. The same of tilts, the least gain in rad.
 _BETTER, _LEAST_GAIN = 0.8, 3e-4
 _LESS_TILT, _LEAST_TILT = 0.5, 0.05
-# Range of the radii of cylinders, domes and bowls, and initial radii of the search, m.
-_RADII, _STARTS = (0.05, 5.0), (0.15, 0.5, 2.0)
+RADII = (0.05, 5.0)
+"""Range of the radii of cylinders, domes and bowls, m."""
+
+# Initial radii of the search, m.
+_STARTS = (0.15, 0.5, 2.0)
 _SAMPLES, _LEAST_SAMPLES = 1000, 20
 # Largest residual relative to the extent of the contact.
 _MOST_RESIDUAL = 0.2
@@ -208,7 +211,7 @@ def _fit(points: Array, shape: str, up: Array) -> FittedSurface:
         root: Array = np.sqrt(np.maximum(1 + 2 * k * g, 0.0))
         return 2 * g / (1 + root)
 
-    least, most = 1 / _RADII[1], 1 / _RADII[0]
+    least, most = 1 / RADII[1], 1 / RADII[0]
     yaws = np.arange(4) * np.pi / 4 if shape == "cylinder" else [0.0]
     starts = [[0.0, 0.0, yaw, 0.0, 1 / r] for yaw in yaws for r in _STARTS]
     bounds = np.array([[-1.2, -1.2, -4, -1, least], [1.2, 1.2, 4, 1, most]])
@@ -234,8 +237,8 @@ def _centred(
 ) -> FittedSurface:
     """Return a surface whose origin is the middle of the contact.
 
-    Its x axis is the projection of x of D, or of y where x is nearly normal; on a
-    cylinder it is the cylinder's axis.
+    Its x axis is the projection of x of D, or of -z or z where x or -x is nearly normal; on
+    a cylinder it is the cylinder's axis.
     """
     for _ in range(5):
         uvh = fit.coordinates(contact)
@@ -244,7 +247,8 @@ def _centred(
         p_ST = surfaces.point(fit.curvature, u, v)
         rotation, origin = fit.rotation @ R_ST, fit.origin + fit.rotation @ p_ST
         z = rotation[:, 2]
-        axis_D = np.eye(3)[1 if abs(z[0]) > 0.9 else 0]
+        is_steep = abs(z[0]) > 0.9
+        axis_D = -np.sign(z[0]) * np.eye(3)[2] if is_steep else np.eye(3)[0]
         x = axis_D - (axis_D @ z) * z
         if fit.shape == "cylinder":
             axis = rotation[:, 0]

@@ -22,7 +22,7 @@ from fmp_drake.primitives.data.orientation import (
     unit_quaternion,
 )
 from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
-from fmp_drake.skills.surface_fit import FittedSurface, fit_surface
+from fmp_drake.skills.surface_fit import RADII, FittedSurface, fit_surface
 from fmp_drake.station import Scenario
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.systems.surface import surface as surfaces
@@ -208,6 +208,8 @@ def curved_surface_remark(
     plane = fit.residuals["plane"]
     if fit.shape == "plane" or fit.residual > _FAR_BETTER * plane:
         return ""
+    if not RADII[0] * 1.1 < fit.radius < RADII[1] / 1.1:
+        return ""  # The radius is that of no surface: the contact is not what it seems.
     return (
         f"its contact is {1e3 * plane:.1f} mm from a plane and {1e3 * fit.residual:.1f} mm "
         f"from a {fit.shape} of radius {fit.radius:.2f} m: add --surface fitted to this "

@@ -192,6 +192,7 @@ REFUSED = {
     files.hdf5_of_links: "holds nothing; expected arrays of numbers",
     files.matlab_too_large: r"d\.mat holds \d+ MB; at most 256",
     files.json_of_bodies_without_a_choice: "body alternates: .* among a, b: --topic a",
+    files.bursts: "come in bursts, 0.1 ms apart and 239 ms between .* --sample-rate 50",
     files.bag_in_zip: r"unzip \S+d\.zip && fmp-drake inspect run$",
     files.tables_in_zip: "holds several files; unpack it and name them: unzip ",
     files.letter_by_gzip: r"d\.txt\.gz has no line of numbers",

@@ -36,6 +36,9 @@ _EPOCHS = {
 _INTERVALS, _LONGEST_INTERVAL = (4e-4, 0.5), 1.0
 # Greatest fraction of samples whose time repeats, with different and with any values.
 _MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
+# Samples that were received in bursts: least interval between bursts, in medians of all
+# intervals, least number of bursts relative to the samples, and fraction of the time between.
+_PAUSE, _BURSTS, _PAUSED = 10.0, 0.02, 0.8
 # Steps backwards in time, in sample intervals, up to which samples are put in order.
 _LARGEST_STEP_BACK = 3.0
 
@@ -171,6 +174,14 @@ def ordered_times(
             f"the time stays the same in {repeated} of {count} samples: it is too coarse. "
             "Give the sample rate instead: --sample-rate "
             f"{_rate(interval * (count - repeated) / count)}"
+        )
+    pauses = forward[forward > _PAUSE * interval]
+    if len(pauses) > _BURSTS * count and np.sum(pauses) > _PAUSED * np.sum(forward):
+        mean = float(np.sum(forward) / count)
+        raise DemonstrationError(
+            f"the samples come in bursts, {1e3 * interval:.3g} ms apart and "
+            f"{1e3 * np.median(pauses):.3g} ms between bursts: these are times of receipt. Give "
+            f"the sample rate instead: --sample-rate {_rate(mean)}"
         )
     if repeated:
         samples = count_text(repeated, "sample")

@@ -350,7 +350,10 @@ class Residual:
         varies = (size == 0) | (size > _LEAST_VARIANCE * np.max(size))
         varying = [v[:, varies] for v in whitened]
         own = Autoregression.fit(varying, order=_RESIDUAL_ORDER)
-        coefficients, innovation = process.coefficients.copy(), process.innovation.copy()
+        coefficients, innovation = (
+            process.coefficients.copy(),
+            process.innovation.copy(),
+        )
         coefficients[:, np.outer(varies, varies)] = own.coefficients.reshape(
             _RESIDUAL_ORDER, -1
         )
