@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
@@ -38,6 +39,9 @@ BORDER = 0.02
 # Least scale of a placement that makes sense.
 _LEAST_SCALE = 0.3
 _LEAST_SAMPLES = 4  # Of a bout.
+# An offset of the force: distance from the movement at which the tool is in the air, m, greatest
+# spread relative to its mean, and least mean relative to the force of the movement.
+_FAR, _STEADY, _WEIGHT = 0.03, 0.3, 0.1
 # Ratio of residuals below which a curved surface is recommended instead of a plane.
 _FAR_BETTER = 0.5
 # Depth below the surface of a tool that touches, as a fraction of the height of its lifts: a
@@ -58,11 +62,15 @@ _RAISED = {"cylinder": 0.10, "dome": 0.25}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Contact:
-    """Samples in contact, samples in bouts, and the force (N, 1 or 3), if any."""
+    """Samples in contact, samples in bouts, and the force (N, 1 or 3), if any.
+
+    `offset` is the magnitude of a constant force that was subtracted, N.
+    """
 
     touching: Mask
     in_bout: Mask
     force: Array | None
+    offset: float = 0.0
 
 
 def place_on_fitted_surface(
@@ -119,7 +127,13 @@ def place_on_fitted_surface(
                 f"{name!r} cannot be placed; choose from: {', '.join(EXTRA_CHANNELS)}."
             )
     fit, contacts = _fit(demonstrations, shape, **rhythm)
-    remarks = [fit.describe()]
+    remarks = [
+        f"{c.offset:.1f} N subtracted from the force: it is that of the air, such as the "
+        "weight of the tool"
+        for c in contacts
+        if c.offset > 0
+    ]
+    remarks.append(fit.describe())
     coordinates = [
         fit.coordinates(d.select(POSITION_CHANNELS).values) for d in demonstrations
     ]
@@ -296,6 +310,8 @@ def _contact(demonstration: Demonstration, **rhythm: float | None) -> _Contact:
     if names is None:
         return _Contact(touching=in_bout, in_bout=in_bout, force=None)
     force = demonstration.select(names).values
+    offset = _offset(path.values, in_bout, force)
+    force = force - offset
     magnitude = np.linalg.norm(force, axis=1)
     pressed = float(np.percentile(magnitude, 95))
     if pressed < _LEAST_FORCE:
@@ -304,7 +320,28 @@ def _contact(demonstration: Demonstration, **rhythm: float | None) -> _Contact:
             "column and unit (--columns)."
         )
     touching = in_bout & (magnitude > _PRESSED * pressed)
-    return _Contact(touching=touching, in_bout=in_bout, force=force)
+    return _Contact(
+        touching=touching,
+        in_bout=in_bout,
+        force=force,
+        offset=float(np.linalg.norm(offset)),
+    )
+
+
+def _offset(points: Array, in_bout: Mask, force: Array) -> Array:
+    """Return the force (1 or 3) in the air far from the movement; 0 where it varies.
+
+    The weight of a tool that is not compensated, or a sensor's offset, looks like contact.
+    """
+    is_far = KDTree(points[in_bout]).query(points)[0] > _FAR
+    in_air = force[is_far & ~in_bout]
+    pressed = float(np.percentile(np.linalg.norm(force[in_bout], axis=1), 95))
+    if len(in_air) < _LEAST_SAMPLES or pressed < _LEAST_FORCE:
+        return np.zeros(force.shape[1])
+    mean = in_air.mean(axis=0)
+    size, spread = np.linalg.norm(mean), np.linalg.norm(in_air.std(axis=0))
+    is_constant = spread < _STEADY * size and size > _WEIGHT * pressed
+    return mean if is_constant else np.zeros(force.shape[1])
 
 
 def _set_board(

@@ -128,6 +128,28 @@ def test_shapes_that_share_the_path_are_told_by_the_tool(shape):
     assert fit.tilt(points, tool) < np.radians(3)
 
 
+def test_weight_of_a_tool_is_no_contact():
+    recording, *_ = posed("plane", force="world", lift=0.1)
+    force = [name.startswith("force") for name in recording.channels]
+    heavy = recording.values.copy()
+    heavy[:, force] += [1.0, -2.0, -6.0]
+    noise = np.random.default_rng(0).normal(0, 0.3, (len(heavy), 3))
+    heavy[:, force] += noise
+    found = []
+    for values in (recording.values, heavy):
+        placed, remarks = place_on_fitted_surface(
+            [replace(recording, values=values)], scenario=Scenario(), extra=("force",)
+        )
+        found.append(placed[0].values)
+        is_told = any("6.4 N subtracted from the force" in remark for remark in remarks)
+        assert is_told == (values is heavy)
+    light, corrected = found
+    assert np.mean(light[:, 3] == 0) > 0.2  # It is lifted.
+    assert np.mean((light[:, 3] > 0) == (corrected[:, 3] > 0)) > 0.98
+    assert_allclose(corrected[:, 3].mean(), light[:, 3].mean(), atol=0.3)
+    assert_allclose(corrected[:, 2], light[:, 2], atol=0.005)
+
+
 def test_shape_of_the_surface_may_be_given():
     *_, on, points = wiping("dome")
     assert fit_surface([points], [on], shape="plane").shape == "plane"
