@@ -46,6 +46,9 @@ _GUESSES = {"millimetres": ("mm", 1e-3), "centimetres": ("cm", 1e-2)}
 _TOUCH = 0.01
 # Least fraction of the time on the board of an accepted placement.
 _LEAST_TOUCHING = 0.2
+# Tilt of the plane of a recording that is reported, degrees: lifted returns of strokes may have
+# been taken for a part of the plane.
+_TILT = 20.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -448,8 +451,10 @@ def place_on_board(
             f"{100 * _LEAST_TOUCHING:.0f} % is needed. {instead}"
         )
     check_scale(placement.scale, instead)
+    tilt = np.degrees(np.arccos(min(abs(placement.rotation[2, 2]), 1.0)))
+    tilted = f" (tilted by {tilt:.0f} degrees in the recording)" if tilt > _TILT else ""
     remarks.append(
-        "placed in the middle of the board by its plane, at "
+        f"placed in the middle of the board by its plane{tilted}, at "
         f"{100 * placement.scale:.0f} % of its size; it touches the board {touching}"
     )
     return placement.apply(demonstration), remarks

@@ -180,6 +180,10 @@ def test_path_on_a_wall_is_placed_on_the_board():
     assert_allclose(placement.rotation[2], [-1, 0, 0], atol=0.05)
     assert_allclose(placement.rotation[0], [0, 0, 1], atol=0.05)  # Upwards.
     assert placement.apply(path).values[:, 2].max() == pytest.approx(0.04, abs=0.004)
+    _, remarks = place_on_board(path, scenario=Scenario())
+    assert "by its plane (tilted by 90 degrees in the recording), at" in remarks[-1]
+    _, remarks = place_on_board(demonstration(strokes()), scenario=Scenario())
+    assert "tilted" not in remarks[-1]
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.003])
