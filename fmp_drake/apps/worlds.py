@@ -154,11 +154,10 @@ def _replay(
     trial = store.trial(number)
     if not trial.is_feasible:
         console.print(f"infeasible: {trial.verdict}")
-    metrics = replay_trial(
-        trial, float(store.plan["duration"]), html=files.html, video=files.video
-    )
+    duration = float(store.plan["duration"])
+    metrics = replay_trial(trial, duration, html=files.html, video=files.video)
     repeated = replace(trial, metrics=metrics, error="")
-    texts = [fault.text for fault in faults(repeated, float(store.plan["duration"]))]
+    texts = [fault.text for fault in faults(repeated, duration)]
     console.print(f"trial {number} {'; '.join(texts) or 'passed'}")
     if trial.metrics is not None:
         is_identical = str(metrics) == str(trial.metrics)  # NaN is not equal to itself.

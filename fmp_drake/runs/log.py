@@ -140,6 +140,15 @@ _KINDS: dict[str, tuple[Any, ...]] = {
     "contact_area": (_SLOW, "between eraser and board", "m^2", "", ("area",)),
     "disturbance": (_SLOW, "force of the disturbances on E", "N", "W", _XYZ),
 }
+# What is different over a curved surface.
+_CURVED: dict[str, dict[str, Any]] = {
+    "desired_position": {"meaning": "(u, v, h)", "frame": ""},
+    "measured_position": {"meaning": "(u, v, h)", "frame": ""},
+    "desired_velocity": {"meaning": "its velocity, of (u, v, h)"},
+    "desired_acceleration": {"meaning": "its acceleration, of (u, v, h)"},
+    "measured_velocity": {"meaning": "of E relative to the target", "frame": "T"},
+    "tracking_error": {"frame": "T"},
+}
 SIGNALS = {name: SignalKind(*kind) for name, kind in _KINDS.items()}
 """Signals of a log by their names."""
 
@@ -169,20 +178,8 @@ def skill_signals(
     >>> kinds["covariance"].columns
     ('xx', 'forcex', 'xforce', 'forceforce')
     """
-    signals = dict(SIGNALS)
-    if is_curved:
-        for name in ("desired_position", "measured_position"):
-            signals[name] = SIGNALS[name]._replace(meaning="(u, v, h)", frame="")
-        signals |= {
-            name: SIGNALS[name]._replace(
-                meaning=f"{SIGNALS[name].meaning}, of (u, v, h)"
-            )
-            for name in ("desired_velocity", "desired_acceleration")
-        }
-        velocity = SIGNALS["measured_velocity"]
-        velocity = velocity._replace(meaning="of E relative to the target", frame="T")
-        signals["measured_velocity"] = velocity
-        signals["tracking_error"] = SIGNALS["tracking_error"]._replace(frame="T")
+    changes = _CURVED if is_curved else {}
+    signals = SIGNALS | {n: SIGNALS[n]._replace(**new) for n, new in changes.items()}
     if len(channels) == 3 and set(units) == {"m"}:
         return signals
     pairs = [(a, b) for a in range(len(units)) for b in range(len(units))]

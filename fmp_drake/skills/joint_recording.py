@@ -113,43 +113,47 @@ def FindRobot(demonstration: Demonstration, *, robot: str) -> str | None:
     return None
 
 
-def ArmThatTurns(demonstration: Demonstration, *, backwards: bool = False) -> str:
-    """Return the bundled robot whose joints turn as the recorded orientation, or "".
+def ArmOfInverseTurns(demonstration: Demonstration) -> str:
+    """Return the bundled robot whose joints turn like the inverse of the orientation, or "".
 
-    How the robot and the tool are mounted is unknown, so rotations between samples are
-    compared up to one constant rotation.
+    A quaternion whose elements are read in the wrong order is the inverse of the right one,
+    but for constant rotations. How the robot and the tool are mounted is unknown as well,
+    so rotations between samples are compared up to one constant rotation. No robot is
+    returned that also turns like the orientation itself, as about a single axis.
 
     Parameters
     ----------
     demonstration : Demonstration
-        With an orientation and the joints of a robot.
-    backwards : bool
-        Whether to compare with the inverse rotations. A quaternion whose elements are read
-        in the wrong order is the inverse of the right one, but for constant rotations.
+        Its orientation and its joints are compared, if it has both.
     """
     reference = demonstration.rotation_reference
-    arms = {r: RobotJoints(demonstration, robot=r) for r in ListRobots()}
-    if reference is None or not any(arms.values()):
+    if reference is None:
         return ""
     samples = np.linspace(0, len(demonstration.time) - 1, _SAMPLES).astype(int)
     part = demonstration.rows(samples)
     recorded = rotations_of(part.select(ROTATION_CHANNELS).values, reference)
-    for robot, joints in arms.items():
+    for robot in ListRobots():
+        joints = RobotJoints(part, robot=robot)
         if not joints:
             continue
         poses = MakeRobotModel(LoadRobot(robot)).tip_poses(part.select(joints).values)
         arm = Rotation.from_matrix([X_WE.rotation().matrix() for X_WE in poses])
-        turns = [
-            (rotations * rotations[np.roll(np.arange(_SAMPLES), lag)].inv()).as_rotvec()
-            for rotations in (recorded, arm.inv() if backwards else arm)
-            for lag in _LAGS
-        ]
-        ours, theirs = np.split(np.concatenate(turns), 2)
-        with warnings.catch_warnings(action="ignore"):  # Turns about one axis.
-            _, distance = Rotation.align_vectors(ours, theirs)
-        if distance < _AGREES * np.linalg.norm(ours):
+        if _turn_alike(recorded, arm.inv()) and not _turn_alike(recorded, arm):
             return robot
     return ""
+
+
+def _turn_alike(one: Rotation, other: Rotation) -> bool:
+    """Return whether rotations (N) differ by constant rotations only."""
+    turns = [
+        (rotations * rotations[np.roll(np.arange(len(one)), lag)].inv()).as_rotvec()
+        for rotations in (one, other)
+        for lag in _LAGS
+    ]
+    ours, theirs = np.split(np.concatenate(turns), 2)
+    with warnings.catch_warnings(action="ignore"):  # Turns about one axis.
+        _, distance = Rotation.align_vectors(ours, theirs)
+    return bool(distance < _AGREES * np.linalg.norm(ours))
 
 
 def EraserPath(

@@ -21,11 +21,12 @@ from fmp_drake.primitives.data.reading.columns import NO_POSITION, SEVERAL
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
 from fmp_drake.skills.joint_recording import (
-    ArmThatTurns,
+    ArmOfInverseTurns,
     EraserPath,
     FindRobot,
     RobotJoints,
 )
+from fmp_drake.skills.surface_fit import front_axis
 from fmp_drake.skills.surface_placement import (
     BORDER,
     check_scale,
@@ -126,10 +127,8 @@ def fit_placement(
     Only the bouts of the movement count: what is not learned, such as an approach from
     afar, neither moves nor scales it. The plane near which the tool stays longest becomes
     the surface; the path leaves it upwards, and so does the rest of the recording. The
-    board's x axis is the projection of the recording's x axis, or where that is nearly
-    normal to the plane, of its z axis: upwards, if the plane faces -x. The middle of the
-    path's bounding box becomes the middle of the board, and a path that is too large
-    is scaled down to the usable size.
+    board's x axis is that of `front_axis`. The middle of the path's bounding box becomes
+    the middle of the board, and a path that is too large is scaled down to the usable size.
 
     Parameters
     ----------
@@ -162,10 +161,7 @@ def fit_placement(
     centre, normal = _longest_plane(points)
     if len(others) and np.median((others - centre) @ normal) < -_TOUCH:
         normal = -normal
-    is_steep = abs(normal[0]) > 0.9
-    forward = -np.sign(normal[0]) * np.eye(3)[2] if is_steep else np.eye(3)[0]
-    x = forward - (forward @ normal) * normal
-    x /= np.linalg.norm(x)
+    x = front_axis(normal)
     rotation = np.stack([x, np.cross(normal, x), normal])
     flat = (points - centre) @ rotation.T
     low, high = flat[:, :2].min(axis=0), flat[:, :2].max(axis=0)
@@ -302,8 +298,8 @@ def load_as_recorded(
     reading = reading or ReadingOptions()
     demonstrations, remarks = read_demonstrations(paths, reading)
     if reading.quaternions is None:
-        robots = {ArmThatTurns(d, backwards=True) for d in demonstrations} - {""}
-        if robots and not any(map(ArmThatTurns, demonstrations)):
+        robots = set(map(ArmOfInverseTurns, demonstrations)) - {""}
+        if robots:
             reading = replace(reading, quaternions="wxyz")
             demonstrations, remarks = read_demonstrations(paths, reading)
             remarks.append(

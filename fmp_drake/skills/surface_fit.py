@@ -158,12 +158,7 @@ def fit_surface(
         if tools:
             held = [r[m] for r, m in zip(tools, touching, strict=True)]
             tool = Rotation.concatenate(held)[::step]
-            equal = [c for c in tried if c is chosen or not _is_better(chosen, c)]
-            tilts = {c.shape: c.tilt(sample, tool) for c in equal}
-            least = min(equal, key=lambda c: tilts[c.shape])
-            known = tilts[chosen.shape]
-            if tilts[least.shape] < min(_LESS_TILT * known, known - _LEAST_TILT):
-                chosen = least
+            chosen = _least_tilted(chosen, tried, sample, tool)
     limit = _MOST_RESIDUAL * 2 * extents[1] / np.sqrt(len(contact))
     if chosen.residual > limit:
         raise DemonstrationError(
@@ -172,6 +167,33 @@ def fit_surface(
             "the recording to the part that touches one surface."
         )
     return _centred(chosen, contact, residuals)
+
+
+def front_axis(normal: Array) -> Array:
+    """Return the x axis (3,) of a board with a normal, both in the frame of a recording.
+
+    It is the projection of the recording's x axis, or where that is nearly normal to the
+    board, of its z axis: upwards, if the board faces -x.
+    """
+    is_steep = abs(normal[0]) > 0.9
+    forward = -np.sign(normal[0]) * np.eye(3)[2] if is_steep else np.eye(3)[0]
+    x: Array = forward - (forward @ normal) * normal
+    return x / np.linalg.norm(x)
+
+
+def _least_tilted(
+    chosen: FittedSurface,
+    tried: Sequence[FittedSurface],
+    points: Array,
+    tool: Rotation,
+) -> FittedSurface:
+    """Return a surface that fits as well and tilts the tool far less, or the chosen one."""
+    equal = [c for c in tried if c is chosen or not _is_better(chosen, c)]
+    tilts = {c.shape: c.tilt(points, tool) for c in equal}
+    least = min(equal, key=lambda c: tilts[c.shape])
+    known = tilts[chosen.shape]
+    is_less = tilts[least.shape] < min(_LESS_TILT * known, known - _LEAST_TILT)
+    return least if is_less else chosen
 
 
 def _is_better(fit: FittedSurface, other: FittedSurface) -> bool:
@@ -237,8 +259,7 @@ def _centred(
 ) -> FittedSurface:
     """Return a surface whose origin is the middle of the contact.
 
-    Its x axis is the projection of x of D, or of -z or z where x or -x is nearly normal; on
-    a cylinder it is the cylinder's axis.
+    Its x axis is that of `front_axis`, on a cylinder the cylinder's axis.
     """
     for _ in range(5):
         uvh = fit.coordinates(contact)
@@ -247,13 +268,11 @@ def _centred(
         p_ST = surfaces.point(fit.curvature, u, v)
         rotation, origin = fit.rotation @ R_ST, fit.origin + fit.rotation @ p_ST
         z = rotation[:, 2]
-        is_steep = abs(z[0]) > 0.9
-        axis_D = -np.sign(z[0]) * np.eye(3)[2] if is_steep else np.eye(3)[0]
-        x = axis_D - (axis_D @ z) * z
+        x = front_axis(z)
         if fit.shape == "cylinder":
             axis = rotation[:, 0]
             x = axis * (1.0 if axis @ x + 1e-6 * axis[1] >= 0 else -1.0)
-        x /= np.linalg.norm(x)
+            x /= np.linalg.norm(x)
         rotation = np.column_stack([x, np.cross(z, x), z])
         fit = replace(fit, rotation=rotation, origin=origin, residuals=residuals)
     return fit

@@ -14,6 +14,7 @@ from fmp_drake.runs.log import (
     TemporaryArray,
     current_versions,
     signal_kind,
+    skill_signals,
     write_log,
 )
 
@@ -258,3 +259,15 @@ def test_the_file_has_no_name(tmp_path, monkeypatch):
     spill.append(np.ones(10**6))
     assert spill.shape == (10**6,)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_signals_over_a_curved_surface_say_what_they_are():
+    flat, curved = (
+        skill_signals(["x", "y", "z"], ["m"] * 3, weights=10, is_curved=is_curved)
+        for is_curved in (False, True)
+    )
+    assert flat == SIGNALS
+    assert curved["measured_position"].meaning == "(u, v, h)"
+    assert (flat["tracking_error"].frame, curved["tracking_error"].frame) == ("B", "T")
+    assert curved["measured_velocity"].frame == "T"
+    assert curved["torque"] == flat["torque"]

@@ -348,16 +348,14 @@ class Residual:
         # board, says nothing about the others. It keeps the shared process.
         size = np.diag(overall)
         varies = (size == 0) | (size > _LEAST_VARIANCE * np.max(size))
-        varying = [v[:, varies] for v in whitened]
-        own = Autoregression.fit(varying, order=_RESIDUAL_ORDER)
-        coefficients, innovation = (
-            process.coefficients.copy(),
-            process.innovation.copy(),
+        own = Autoregression.fit(
+            [v[:, varies] for v in whitened], order=_RESIDUAL_ORDER
         )
-        coefficients[:, np.outer(varies, varies)] = own.coefficients.reshape(
-            _RESIDUAL_ORDER, -1
+        among = (..., *np.ix_(varies, varies))
+        coefficients, innovation = map(
+            np.copy, (process.coefficients, process.innovation)
         )
-        innovation[np.outer(varies, varies)] = own.innovation.ravel()
+        coefficients[among], innovation[among] = own.coefficients, own.innovation
         process = Autoregression(coefficients=coefficients, innovation=innovation)
         return replace(residual, process=process)
 
