@@ -4,6 +4,7 @@ The `update` of each class takes a chunk of the logged `METRIC_SIGNALS`, of any 
 chronological order. Its `result` returns the metrics of all chunks so far.
 """
 
+from collections.abc import Sequence
 from math import ceil
 from typing import Any
 
@@ -28,12 +29,16 @@ from fmp_drake.systems.ink.grid import (
     missed_spots,
     times_to_clean,
 )
+from fmp_drake.systems.scripted_disturbances import Disturbance
 
 PRECISE_FORCE = 0.1
 """Tolerance of a precise normal force, relative to its desired value."""
 
 LANDING = 1.0
 """Duration of the rise of the force after the first contact, s; its errors do not count."""
+
+RECOVERY = 2.0
+"""Duration after a disturbance in which the force is not judged, s."""
 
 # Bin width and range of the histogram of forces, N; the last bin contains larger forces.
 _BIN, _MAX_FORCE = 0.01, 500.0
@@ -109,10 +114,21 @@ class ForceMetrics:
         Desired normal force, N; the signal desired_normal_force, if any, replaces it.
     has_channel : bool
         Whether the desired force is a channel of the skill: its error counts as well.
+    disturbances : sequence of Disturbance
+        The force during these, and for `RECOVERY` after each, does not count in
+        ``normal_force_undisturbed_fraction``.
     """
 
-    def __init__(self, desired_force: float, *, has_channel: bool = False) -> None:
+    def __init__(
+        self,
+        desired_force: float,
+        *,
+        has_channel: bool = False,
+        disturbances: Sequence[Disturbance] = (),
+    ) -> None:
         self._desired, self._has_channel = desired_force, has_channel
+        self._disturbances = disturbances
+        self._undisturbed, self._undisturbed_near = 0, 0
         self._settling_end = 0.0
         self._error = _ErrorStatistics()
         self._counts = np.zeros(round(_MAX_FORCE / _BIN), dtype=np.int64)
@@ -139,7 +155,11 @@ class ForceMetrics:
             is_settled = times[touching] >= self._settling_end
             self._error.update(error[is_settled] ** 2)
         self._sum += float(np.sum(force))
-        self._near += int(np.sum(error <= FORCE_TOLERANCE))
+        is_near = error <= FORCE_TOLERANCE
+        self._near += int(np.sum(is_near))
+        counts = ~self._is_disturbed(times[touching])
+        self._undisturbed += int(np.sum(counts))
+        self._undisturbed_near += int(np.sum(is_near & counts))
         self._precise += int(np.sum(error <= PRECISE_FORCE * desired))
         bins = np.minimum((force / _BIN).astype(int), len(self._counts) - 1)
         self._counts += np.bincount(bins, minlength=len(self._counts))
@@ -157,9 +177,23 @@ class ForceMetrics:
             "normal_force_p95_n": self._percentile(0.95) if count else 0.0,
             "normal_force_max_n": self._largest,
             "normal_force_wanted_fraction": self._near / max(1, count),
+            "normal_force_undisturbed_fraction": self._undisturbed_near
+            / self._undisturbed
+            if self._undisturbed
+            else None,
             "normal_force_precise_fraction": self._precise / max(1, count),
             "contact_fraction": count / max(1, self._samples),
         }
+
+    def _is_disturbed(self, times: Array) -> Mask:
+        is_disturbed = np.zeros(len(times), dtype=bool)
+        for each in self._disturbances:
+            since = times - each.start
+            has_begun = since >= 0
+            if each.every > 0:
+                since %= each.every
+            is_disturbed |= has_begun & (since < each.duration + RECOVERY)
+        return is_disturbed
 
     def _percentile(self, fraction: float) -> float:
         """Return a percentile of the forces in contact, interpolated within its bin."""
@@ -396,7 +430,9 @@ class RunMetrics:
         self._has_board = scenario.has_board
         self._region = RegionMetrics(region, roles)
         self._limits = LimitMetrics(limits, control_period=control_period)
-        force = ForceMetrics(press.force, has_channel=has_force)
+        force = ForceMetrics(
+            press.force, has_channel=has_force, disturbances=scenario.disturbances
+        )
         self._played: tuple[Any, ...] = (
             *([force] if self._has_board else []),
             TrackingMetrics(contact_height + press.engage_height),

@@ -2,7 +2,7 @@
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,9 +56,7 @@ def RobotJoints(
     # Channels of each arm by the number of the joint; the arms by their names in the channels.
     arms: dict[str, dict[int, str]] = {}
     own = config.joint_prefixes
-    others = (
-        [] if own else [p for r in ListRobots() for p in LoadRobot(r).joint_prefixes]
-    )
+    others = {p for r in ListRobots() for p in LoadRobot(r).joint_prefixes} - {*own}
     for channel in demonstration.channels:
         bare = _ANGLE.sub("", channel)
         known = [n for n in config.joint_names if f"_{bare}".endswith(f"_{n}")]
@@ -68,8 +66,11 @@ def RobotJoints(
             arm[config.joint_names.index(known[0]) + 1] = channel
         elif match is None:
             continue
+        # Nobody need have named the default robot: no unknown names are taken for its own.
         elif _has_word(match[1], own) or not (
-            needs_own_names or (match[1] and own) or _has_word(match[1], others)
+            needs_own_names
+            or (match[1] and robot == DEFAULT_ROBOT)
+            or _has_word(match[1], others)
         ):
             arms.setdefault(match[1] or "", {})[int(match[2])] = channel
     ranges = [list(range(first, first + len(names))) for first in (1, 0)]
@@ -86,7 +87,7 @@ def RobotJoints(
     return [numbers[i] for i in sorted(numbers)]
 
 
-def _has_word(prefix: str | None, words: Sequence[str]) -> bool:
+def _has_word(prefix: str | None, words: Collection[str]) -> bool:
     """Return whether a prefix contains one of the words, optionally with a number."""
     return any(
         re.fullmatch(re.escape(word) + r"\d*", part, re.IGNORECASE)

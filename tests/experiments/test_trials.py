@@ -523,7 +523,7 @@ def test_every_kind_of_fault_is_described(make_store, changes, kind, words):
     assert faults(good) == []
 
 
-def test_trials_with_disturbances_are_judged_by_their_greatest_force_only(make_store):
+def test_trials_with_disturbances_are_judged_by_their_force_outside_them(make_store):
     spec = """
     disturbances: {count: 1, each: {kind: push, force: [0.0, 20.0, 0.0]}}
     fields: {press.force: 9.0}
@@ -542,6 +542,11 @@ def test_trials_with_disturbances_are_judged_by_their_greatest_force_only(make_s
     for force, kinds in ((97.9, []), (98.1, ["force"])):
         metrics = trial.metrics | {"normal_force_max_n": force}
         assert [f.kind for f in faults(replace(trial, metrics=metrics))] == kinds
+    for fraction, kinds in ((None, []), (0.96, []), (0.9, ["press"])):
+        metrics = trial.metrics | {"normal_force_undisturbed_fraction": fraction}
+        found = faults(replace(trial, metrics=metrics))
+        assert [f.kind for f in found] == kinds
+    assert "90 % of the time in contact without disturbances" in found[0].text
 
 
 def test_a_push_after_the_end_of_a_run_does_not_count(make_store):

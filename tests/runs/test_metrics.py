@@ -23,6 +23,7 @@ from fmp_drake.station import Scenario
 from fmp_drake.systems.impedance.controller_status import StatusFlag as Flag
 from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.ink.grid import InkGrid
+from fmp_drake.systems.scripted_disturbances import Disturbance
 
 LOWER, UPPER, TORQUE = -3 * np.ones(7), 2.5 * np.ones(7), np.full(7, 80.0)
 LIMITS = JointLimits.between(
@@ -131,6 +132,7 @@ def test_metrics_match_their_names(samples):
             "normal_force_p05_n": np.percentile(pressed, 5),
             "normal_force_p95_n": np.percentile(pressed, 95),
             "normal_force_wanted_fraction": wanted.mean(),
+            "normal_force_undisturbed_fraction": wanted.mean(),
             "normal_force_precise_fraction": precise.mean(),
             "normal_force_max_n": force.max(),
             "contact_fraction": len(pressed) / len(since),
@@ -327,6 +329,30 @@ def test_force_is_compared_with_what_is_desired_at_that_time():
     assert found["normal_force_wanted_fraction"] == 1
     assert found["normal_force_precise_fraction"] == 1
     assert "normal_force_error_rms_n" not in found
+
+
+@pytest.mark.parametrize(
+    ("push", "fraction"),
+    [
+        # With the 2 s after it, 1.5 to 4 s are not judged.
+        (Disturbance(start=1.5, duration=0.5), 0.6),
+        (Disturbance(start=0.0, duration=10.0), None),
+        (Disturbance(start=2.0, duration=0.5, every=5.0), 0.8),
+        (Disturbance(start=1.0, duration=0.5, every=2.5), 1.0),
+        (Disturbance(start=30.0), 0.8),
+    ],
+)
+def test_force_is_judged_without_disturbances_and_their_effect(push, fraction):
+    times = 0.01 * np.arange(1000)
+    force = np.where((times >= 6) & (times < 8), 2.0, 10.0)
+    if fraction == 0.6:
+        force[times < 1] = 2.0
+        force[(times >= 1.5) & (times < 4)] = 70.0
+    metrics = ForceMetrics(10.0, disturbances=[push])
+    for part in (slice(0, 333), slice(333, None)):
+        metrics.update({"normal_force": Samples(times[part], force[part, None])})
+    found = metrics.result()["normal_force_undisturbed_fraction"]
+    assert found == (None if fraction is None else pytest.approx(fraction))
 
 
 def test_every_signal_of_the_metrics_is_tested():

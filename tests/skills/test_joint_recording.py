@@ -196,6 +196,8 @@ def test_joints_of_a_named_robot_give_its_eraser_s_path(robot, names):
     [
         ("ur5e", UR_JOINTS),
         ("iiwa14", [f"iiwa14_joint{i}" for i in range(1, 8)]),
+        ("iiwa14", [f"iiwa_joint_{i}" for i in range(1, 8)]),
+        ("iiwa14", [f"lbr_A{i}" for i in range(1, 8)]),
         ("panda", [f"fr3_joint{i}" for i in range(1, 8)]),
     ],
 )

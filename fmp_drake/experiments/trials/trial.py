@@ -200,16 +200,20 @@ def _judged(trial: Trial, duration: float) -> Iterator[Fault]:
         error = value("normal_force_error_rms_n")
         text = f"is {error:.2f} N rms off the force of the skill, above "
         yield Fault("press", error / MOST_FORCE_ERROR, f"{text}{MOST_FORCE_ERROR:g}")
-    if not is_pushed and desired > 0:
-        fraction = value("normal_force_wanted_fraction", 1.0)
+    fraction = value("normal_force_wanted_fraction", 1.0)
+    if desired > 0:
+        # Stores of older versions do not tell the time of disturbances.
+        default = 1.0 if is_pushed else fraction
+        calm = value("normal_force_undisturbed_fraction", default)
         text = (
-            f"presses within 5 N of the desired {desired:.1f} N for "
-            f"{100 * fraction:.0f} % of the time in contact (90 % from "
+            f"presses within 5 N of the desired {desired:.1f} N for {100 * calm:.0f} % of "
+            f"the time in contact{' without disturbances' * is_pushed} (90 % from "
             f"{value('normal_force_p05_n'):.1f} to {value('normal_force_p95_n'):.1f} N)"
         )
         if value("contact_fraction") <= 0:
             text = "never touches the board"
-        yield Fault("press", 1 + LEAST_PRESSED - fraction, text)
+        yield Fault("press", 1 + LEAST_PRESSED - calm, text)
+    if not is_pushed and desired > 0:
         contact = value("desired_contact_fraction", 1.0)
         text = f"is in contact for {100 * contact:.0f} % of the desired time"
         if fraction > 0:

@@ -83,7 +83,7 @@ class RobotConfig:
         are those of the model.
     joint_prefixes : list of str
         Names of the arm before the numbers of joints in recordings: `panda` of
-        `panda_joint1`. Empty for any name except those of the package's robots.
+        `panda_joint1`. Other robots do not take joints of these names for their own.
 
     Examples
     --------
