@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import check_number, finite_array
 
 
 class SensorModel(LeafSystem):
@@ -30,7 +30,7 @@ class SensorModel(LeafSystem):
     Raises
     ------
     SystemsError
-        If a value is out of range.
+        If a value is out of range, or the initial state is not one.
 
     Examples
     --------
@@ -64,8 +64,13 @@ class SensorModel(LeafSystem):
         noise = {"position_noise": position_noise, "velocity_noise": velocity_noise}
         for name, value in {"delay": delay, "seed": seed, **noise}.items():
             check_number(value, f"the sensors' {name}", least=0, error=SystemsError)
-        first = np.array(initial, dtype=float)
-        n = first.size // 2
+        what = "the sensors' initial state"
+        first = finite_array(initial, what, ("2n",), error=SystemsError)
+        n, odd = divmod(len(first), 2)
+        if odd:
+            raise SystemsError(
+                f"{what} has {len(first)} values; positions and velocities are needed."
+            )
         self._period = 1 / rate
         self._delay = round(delay * rate)  # Samples.
         self._seed = int(seed)

@@ -73,8 +73,10 @@ def test_noise_has_its_deviations_and_follows_from_the_seed():
         {"rate": 100.0, "delay": -0.1},
         {"rate": 100.0, "velocity_noise": -1.0},
         {"rate": 100.0, "seed": -1},
+        {"rate": 100.0, "initial": [0.0, np.nan]},
+        {"rate": 100.0, "initial": [0.0, 0.1, 0.2]},
     ],
 )
 def test_values_out_of_range_are_refused(options):
     with pytest.raises(SystemsError, match="sensors'"):
-        SensorModel(initial=np.zeros(4), **options)
+        SensorModel(**{"initial": np.zeros(4)} | options)
