@@ -1,6 +1,7 @@
 """Parallel tasks in processes of this machine or of a Dask cluster."""
 
 import os
+import re
 import signal
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -194,7 +195,7 @@ class ClusterWorkers:
     Raises
     ------
     ExperimentError
-        Where Dask is not installed.
+        Where Dask is not installed, or the address is none.
     """
 
     renewed_after: int | None = None
@@ -207,6 +208,11 @@ class ClusterWorkers:
             raise ExperimentError(
                 "a cluster needs the extra: pip install fmp-drake[cluster]."
             ) from None
+        if not re.fullmatch(r"((tcp|tls|ws|wss|ucx)://)?[^/]+:\d+", address):
+            raise ExperimentError(
+                f"{address!r} is no address of a cluster; give HOST:PORT, such as "
+                "tcp://127.0.0.1:8786."
+            )
         self._connect: Any = Client
         self._address, self._patience = address, patience
         self._client: Any = None

@@ -136,6 +136,15 @@ def test_processes_end_when_their_driver_is_killed(tmp_path):
     wait_until(lambda: not any(alive(pid) for pid in begun(tmp_path)[1]), 10)
 
 
+@pytest.mark.parametrize("address", ["", "foo", "18786", "http://x:1"])
+def test_address_that_is_none_is_refused(address):
+    pytest.importorskip("distributed", reason="needs the extra cluster")
+    with pytest.raises(
+        ExperimentError, match="is no address of a cluster; give HOST:PORT"
+    ):
+        ClusterWorkers(address)
+
+
 def test_cluster_that_is_not_there_is_named():
     pytest.importorskip("distributed", reason="needs the extra cluster")
     workers = ClusterWorkers("tcp://127.0.0.1:1", patience=1.0)

@@ -427,6 +427,12 @@ def place_on_board(
         if others:
             demonstration = demonstration.select(played)
             remarks.append(f"{others} left out: the board needs {_listed(played)}")
+    units = set(demonstration.select(POSITION_CHANNELS).units)
+    if units != {"m"}:
+        raise DemonstrationError(
+            f"x, y and z are in {' and '.join(sorted(units))}, which is no known unit of "
+            "length; convert them to metres."
+        )
     part = (rhythm.get("start_time"), rhythm.get("end_time"))
     check_width(*cut_demonstrations([demonstration], *part, DEFAULT_RATE))
     if transform is not None:

@@ -261,8 +261,11 @@ class FourierPrimitiveSystem(LeafSystem):
     # State --------------------------------------------------------------------
 
     def playback_state(self, context: Context) -> PlaybackState:
-        """Return the state of the playback at the time of a context."""
-        elapsed = context.get_time() - self._last_event(context)
+        """Return the state of the playback at the time of a context.
+
+        Where the time has been set back before the last event, it is that of this event.
+        """
+        elapsed = max(context.get_time() - self._last_event(context), 0.0)
         return self._player.advance(self._read(context), elapsed)
 
     def _last_event(self, context: Context) -> float:
@@ -321,7 +324,7 @@ class FourierPrimitiveSystem(LeafSystem):
         if begin < last_event == time:
             return EventStatus.DidNothing()
         before = self._read(context)
-        state = player.advance(before, time - self._last_event(context))
+        state = player.advance(before, max(time - self._last_event(context), 0.0))
         measurements = context.get_discrete_state().value(self._measurements)
         measurements = measurements.reshape(state.history.shape)
         tempo = self._tempo_input(context)

@@ -60,12 +60,18 @@ class HumanHand(LeafSystem):
     X_WB : RigidTransform
         Pose of the board, z outward.
     motion : HandMotion
-        Target of the hand: position, and optionally orientation and force of the tool.
+        Target of the hand: position, and optionally orientation and force of the tool. Over
+        a curved board it has x and y, or these and a force.
     R_BE : RotationMatrix
         Orientation of the tool where the motion has none; relative to the local normal of a
         curved board.
     surface : Surface
         Curvature of the board, over which the hand slides.
+
+    Raises
+    ------
+    SystemsError
+        Where the plant is not finalized, or the motion is not one over the surface.
 
     Examples
     --------
@@ -120,6 +126,11 @@ class HumanHand(LeafSystem):
         self._rotation = [index(n) for n in ROTATION_CHANNELS if n in motion.channels]
         has_force = FORCE_CHANNEL in motion.channels
         self._force = index(FORCE_CHANNEL) if has_force else None
+        if not surface.is_plane and (len(names) != 2 or self._rotation):
+            raise SystemsError(
+                f"the motion has the channels {', '.join(motion.channels)}; over a curved "
+                "board the hand follows x and y with an optional force."
+            )
         self._body = int(grip.body().index())
         self._X_LE = grip.GetFixedPoseInBodyFrame()
         self._poses, self._velocities = declare_bodies(self)
@@ -144,11 +155,6 @@ class HumanHand(LeafSystem):
         offset: Array = R_BT.matrix().T @ (goal - p_BE)
         return R_BT, offset[:2]
 
-    def _normal_rotation(self, target: Array, rate: Array) -> Array:
-        """Return the angular velocity in W of the local normal at the target, rad/s."""
-        _, _, V_BT, _ = surfaces.moving_frame(self._surface, target, rate, np.zeros(2))
-        return self._X_WB.rotation().matrix() @ V_BT[:3]
-
     def _calc_forces(self, context: Any, output: Any) -> None:
         X_WE = self._grip_pose(context)
         velocities: Any = self._velocities.Eval(context)
@@ -168,10 +174,15 @@ class HumanHand(LeafSystem):
             w_WE = w_WE - self._X_WB.rotation().matrix() @ angular_velocity(phi, rate)
         elif not self._surface.is_plane:
             R_BT, offset = self._to_tangent(p_BE, target)
-            R_WE = self._X_WB.rotation() @ R_BT @ self._R_TE
-            w_WE = w_WE - self._normal_rotation(target, target_velocity)
+            R_WB = self._X_WB.rotation()
+            R_WE = R_WB @ R_BT @ self._R_TE
+            _, _, V_BT, _ = surfaces.moving_frame(
+                self._surface, target, target_velocity, np.zeros(2)
+            )
+            w_WE = w_WE - R_WB.matrix() @ V_BT[:3]
             # The frame below is T, which is B on a plane.
             R_BW, target, p_BE = R_BT.inverse() @ R_BW, offset, np.zeros(3)
+            target_velocity = (R_BT.matrix().T @ V_BT[3:])[:2]
         f_B = -DAMPING * (R_BW @ V_WE.translational())
         f_B[:n] += STIFFNESS * (target - p_BE[:n])
         f_B[:n] += DAMPING * target_velocity

@@ -19,7 +19,8 @@ from pydrake.systems.framework import (
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, check_number
+from fmp_drake.settings import check_settings
 from fmp_drake.systems.human_hand import hand_torque
 from fmp_drake.systems.interface.callbacks import (
     declare_bodies,
@@ -99,6 +100,11 @@ class MouseHand(LeafSystem):
     eye : array_like, shape (3,)
         Position of the camera in W, where the page does not send it, m.
 
+    Raises
+    ------
+    SystemsError
+        Where the plant is not finalized, a number is out of range, or a tip has no board.
+
     Examples
     --------
     >>> from fmp_drake.station import AddRobot, LoadRobot
@@ -131,6 +137,12 @@ class MouseHand(LeafSystem):
             )
         if R_WE is not None and tip is None:
             raise SystemsError("a tool that may be turned needs a tip.")
+        if not plant.is_finalized():
+            raise SystemsError("the plant is not finalized; call Finalize() first.")
+        check_number(
+            specific_stiffness, "specific_stiffness", above=0, error=SystemsError
+        )
+        check_settings(config, SystemsError)
         self._meshcat, self._config, self._board = meshcat, config, board
         self._specific = float(specific_stiffness)
         self._eye = np.array(eye, dtype=float)

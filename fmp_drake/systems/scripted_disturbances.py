@@ -9,8 +9,9 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import Array
-from fmp_drake.settings import bounded
+from fmp_drake.settings import bounded, check_settings
 from fmp_drake.systems.interface.callbacks import (
     declare_bodies,
     declare_cache,
@@ -122,6 +123,11 @@ class ScriptedDisturbances(LeafSystem):
     X_WB : RigidTransform
         Frame of their forces and positions.
 
+    Raises
+    ------
+    SystemsError
+        If a disturbance has a kind or a number that is not allowed.
+
     Examples
     --------
     >>> from pydrake.multibody.plant import MultibodyPlant
@@ -147,6 +153,8 @@ class ScriptedDisturbances(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("disturbances")
+        for each in disturbances:
+            check_settings(each, SystemsError, "disturbance ")
         # With the force of a push, or the position of a grasp, in W.
         self._script = [
             (

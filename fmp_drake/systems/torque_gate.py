@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array, as_floats
+from fmp_drake.numeric import Array, finite_array
 from fmp_drake.settings import check_settings
 from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.interface.callbacks import (
@@ -123,7 +123,10 @@ class TorqueGate(LeafSystem):
         check_settings(config, SystemsError)
         self._config, self._limits = config.completed(limits), limits
         self._send = send
-        first = as_floats(initial, "the initial angles", (JOINTS,), error=SystemsError)
+        first = finite_array(
+            initial, "the initial angles", (JOINTS,), error=SystemsError
+        )
+        finite_array(limits.speed, "the limits", (JOINTS,), error=SystemsError)
         message = AbstractValue.Make(b"")
         self._torque = self.DeclareVectorInputPort("torque", JOINTS)
         self._status = self.DeclareAbstractInputPort("status", message)

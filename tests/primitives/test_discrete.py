@@ -319,6 +319,14 @@ def test_orientation_is_learned_with_the_position():
         ({"via": [ViaPoint(phase=0.5, values=[0, 0])]}, "via-point 0 of shape"),
         ({"via": [ViaPoint(phase=0.5, values=1, channels=["w"])]}, "no channel 'w'"),
         (
+            {
+                "via": [
+                    ViaPoint(phase=0.5 + v / 1000, values=[v, 0, 0]) for v in (0.0, 0.1)
+                ]
+            },
+            "same phase or too near",
+        ),
+        (
             {"via": [ViaPoint(phase=0.5, values=[v, 0, 0]) for v in (0.0, 0.1)]},
             "same phase or too near",
         ),

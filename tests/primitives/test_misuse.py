@@ -99,6 +99,10 @@ WRONG = {
         lambda: player().advance(player().start([0.1, 0, 0]), np.nan),
         "seconds is nan s; it must be",
     ),
+    "advanced backwards": (
+        lambda: player().advance(player().start([0.1, 0, 0]), -1.0),
+        "seconds is -1.0 s; it must be at least 0 s",
+    ),
     "tempo of a path": (lambda: scale_tempo("a", 2.0), r"scale_tempo\(skill\) needs"),
     "spectrum of a path": (lambda: skill_spectrum("a"), r"skill_spectrum\(skill\) n"),
     "modulated path": (

@@ -91,6 +91,18 @@ def test_clone_is_not_fitted(small_skill):
         clone(small_skill).check_fitted()
 
 
+@pytest.mark.parametrize("model", ["mixture", "automatic"])
+def test_a_failed_fit_changes_nothing(model):
+    time = np.arange(800) / 20
+    circle = 0.1 * np.column_stack([np.cos(2 * time), np.sin(2 * time)])
+    skill = FourierMovementPrimitive(rate=20.0, model=model, n_components=5)
+    skill.fit(circle)
+    before = skill.predict(circle[:100], 5).values
+    with pytest.raises(DemonstrationError):
+        skill.fit(100 * circle[:20, :1])
+    assert np.array_equal(skill.predict(circle[:100], 5).values, before)
+
+
 def test_constructor_only_stores():
     assert FourierMovementPrimitive(n_steps=-3).n_steps == -3
 

@@ -1,6 +1,7 @@
 """Facts about orientations as channels."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from fmp_drake.errors import DemonstrationError, SkillError, SkillFileError
 from fmp_drake.primitives import (
     Demonstration,
+    DiscreteMovementPrimitive,
     FourierMovementPrimitive,
     Player,
     add_orientation,
@@ -358,14 +360,19 @@ def test_skill_has_the_reference_of_its_demonstrations(posed_skill, small_skill)
         skill_rotations(small_skill, np.zeros(2))
 
 
-def test_demonstrations_of_different_references_are_refused():
+@pytest.mark.parametrize("skill", [FourierMovementPrimitive, DiscreteMovementPrimitive])
+def test_demonstrations_of_different_references_are_learned_with_the_first(skill):
     demonstration, rotations = swaying(10.0)
-    both = [
-        add_orientation(demonstration, rotations),
-        add_orientation(demonstration, rotations, reference=about([1, 0, 0], 3.0)),
-    ]
-    with pytest.raises(DemonstrationError, match="rotation reference"):
-        FourierMovementPrimitive().fit(both)
+    first, other = (
+        add_orientation(demonstration, rotations, reference=about([1, 0, 0], angle))
+        for angle in (0.0, 0.4)
+    )
+    learned, same = skill().fit([first, other]), skill().fit([first, first])
+    assert learned.rotation_reference_ == first.rotation_reference
+    extents = [getattr(s, "skill_", s).extent_ for s in (learned, same)]
+    assert_allclose(*extents, rtol=0, atol=1e-12)
+    with pytest.raises(DemonstrationError, match="rotation reference none"):
+        skill().fit([first, replace(other, rotation_reference=None)])
 
 
 def test_skill_file_keeps_the_reference(tmp_path, posed_skill):

@@ -489,11 +489,12 @@ def test_the_rate_that_is_advised_for_whole_seconds_is_the_rate(tmp_path):
         read_demonstrations([path])
 
 
-def test_a_row_of_units_may_be_in_inches(tmp_path):
+@pytest.mark.parametrize(("unit", "metres"), [("in", 0.0254), ("feet", 0.3048)])
+def test_a_row_of_units_may_be_imperial(tmp_path, unit, metres):
     rows = [f"{t},{t},{2 * t},0" for t in files.TIME]
-    text = "\n".join(["time,x,y,z", "s,in,in,in", *rows])
+    text = "\n".join(["time,x,y,z", f"s,{unit},{unit},{unit}", *rows])
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
-    assert_allclose(found.values[:, 1], 0.0508 * files.TIME)
+    assert_allclose(found.values[:, 1], 2 * metres * files.TIME)
 
 
 def test_joints_of_a_dataset_have_one_unit(tmp_path):

@@ -237,6 +237,14 @@ def test_width_of_an_arms_path_or_of_a_point_is_accepted(width):
     check_width(demonstration(np.linspace(0, 1, 9)[:, None] * [0, width, 0]))
 
 
+def test_positions_in_an_unknown_unit_are_refused():
+    path = replace(demonstration(strokes()), units=("yd",) * 3)
+    with pytest.raises(
+        DemonstrationError, match="x, y and z are in yd, which is no known"
+    ):
+        place_on_board(path, scenario=Scenario())
+
+
 def test_real_demonstrations_fit_the_board(real_demonstration_paths):
     for name, path in real_demonstration_paths.items():
         recorded_demonstration = Demonstration.load(path)

@@ -25,6 +25,7 @@ from fmp_drake.systems.teaching.mouse_drag import (
     GUIDING_DRAG,
     PULLING_DRAG,
     BoardSurface,
+    DragConfig,
 )
 
 SPECIFIC = 100.0
@@ -281,6 +282,13 @@ def test_values_that_do_not_fit_are_refused(plant):
         pulling(plant, R_WE=RotationMatrix())
     with pytest.raises(SystemsError, match="a tip and a board"):
         pulling(plant, board=BoardSurface(np.eye(3, 4), np.ones(2)))
+    for stiffness in (0.0, np.nan):
+        with pytest.raises(SystemsError, match="specific_stiffness is"):
+            MouseHand(plant, specific_stiffness=stiffness)
+    with pytest.raises(SystemsError, match="damping is nan"):
+        pulling(plant, config=DragConfig(damping=np.nan))
+    with pytest.raises(SystemsError, match=r"Finalize\(\)"):
+        MouseHand(MultibodyPlant(0.001), specific_stiffness=1.0)
 
 
 def test_torque_of_the_hand_is_limited():

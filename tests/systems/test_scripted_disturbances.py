@@ -1,5 +1,7 @@
 """Facts about scripted pushes and grasps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -8,6 +10,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant
 
+from fmp_drake.errors import SystemsError
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.systems.scripted_disturbances import Disturbance, ScriptedDisturbances
 
@@ -142,3 +145,17 @@ def test_caching_makes_no_difference(plant, tip):
             first = rows
     assert np.array_equal(first, rows)
     assert_allclose(np.linalg.norm(rows, axis=1), [0, 14**0.5, 20, 0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"kind": "pull"}, "kind is pull; choose one of"),
+        ({"force": [np.nan, 0.0, 0.0]}, r"disturbance force\[0\] is nan"),
+        ({"force": [1.0, 0.0]}, "expected 3 numbers"),
+    ],
+)
+def test_disturbance_that_cannot_be_is_refused(tip, changes, message):
+    disturbance = replace(PUSH, **changes)
+    with pytest.raises(SystemsError, match=message):
+        ScriptedDisturbances(grip=tip, disturbances=[disturbance], X_WB=X_WB)

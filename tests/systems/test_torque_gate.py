@@ -586,3 +586,8 @@ def test_settings_outside_the_limits_of_a_panda_are_refused(values, message):
 def test_angles_of_another_arm_are_refused():
     with pytest.raises(SystemsError, match=r"shape \(6,\); expected \(7,\)"):
         TorqueGate(GateConfig(), initial=np.zeros(6), limits=LIMITS)
+    with pytest.raises(SystemsError, match="NaN"):
+        TorqueGate(GateConfig(), initial=np.full(7, np.nan), limits=LIMITS)
+    six = type(LIMITS)(*(values[:6] for values in LIMITS))
+    with pytest.raises(SystemsError, match=r"the limits of shape \(6,\)"):
+        TorqueGate(GateConfig(), initial=np.zeros(7), limits=six)

@@ -224,9 +224,9 @@ class ProMP(BaseEstimator):  # type: ignore[misc]
             error=ExperimentError,
         )
         self.n_steps_, self.n_channels_ = windows.shape[1:]
-        if isinstance(self.frequencies, int):
+        if isinstance(self.frequencies, int | np.integer):
             period = movement_period(joined_recordings(windows))
-            harmonics = range(1, self.frequencies + 1)
+            harmonics = range(1, int(self.frequencies) + 1)
             self.frequencies_ = tuple(self.n_steps_ / period * k for k in harmonics)
         else:
             self.frequencies_ = tuple(self.frequencies)

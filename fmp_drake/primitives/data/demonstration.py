@@ -27,6 +27,7 @@ from fmp_drake.primitives.data.orientation import (
     as_rotation,
     mean_rotation,
     rotation_vectors,
+    rotations_of,
     unit_quaternion,
 )
 from fmp_drake.primitives.data.reading.arrays import FORMAT, METADATA
@@ -341,8 +342,6 @@ def add_orientation(
         Of quaternions; see `as_rotation`.
     reference : scipy Rotation or array_like, shape (4,), optional
         R_ref, as (x, y, z, w) where a quaternion; the mean rotation where None.
-        Demonstrations that are learned together need the same one: see
-        `mean_rotation`.
 
     Raises
     ------
@@ -371,6 +370,23 @@ def add_orientation(
         units=(*demonstration.units, "rad", "rad", "rad"),
         rotation_reference=quaternion,
     )
+
+
+def with_reference(
+    demonstration: Demonstration, reference: Quaternion | None
+) -> Demonstration:
+    """Return a demonstration whose rotation vectors are those from another reference.
+
+    It is unchanged where it has no rotation channels, or there is no reference.
+    """
+    known = demonstration.rotation_reference
+    if known is None or reference in (None, known):
+        return demonstration
+    index = channel_indices(ROTATION_CHANNELS, demonstration.channels)
+    values = demonstration.values.copy()
+    rotations = rotations_of(values[:, index], known)
+    values[:, index] = rotation_vectors(rotations, reference)
+    return replace(demonstration, values=values, rotation_reference=reference)
 
 
 def read_demonstrations(
@@ -433,6 +449,9 @@ def read_demonstrations(
             )
         names = [c for c in recording.channels if c not in QUATERNION_CHANNELS]
         demonstrations[i] = recording.select(names)
+    references = [d.rotation_reference for d in demonstrations if d.rotation_reference]
+    if references:
+        demonstrations = [with_reference(d, references[0]) for d in demonstrations]
     return demonstrations, remarks
 
 

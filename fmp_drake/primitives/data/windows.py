@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array, Indices, as_floats, check_number, finite_array
-from fmp_drake.primitives.data.demonstration import Demonstration
+from fmp_drake.primitives.data.demonstration import Demonstration, with_reference
 
 
 class UnstatedRate(float):
@@ -119,10 +119,14 @@ def sliding_windows(values: Array, *, n_steps: int, stride: int) -> Array:
     return np.ascontiguousarray(np.swapaxes(view[::stride], 1, 2))
 
 
-def _check_compatible(demonstrations: Sequence[Demonstration]) -> None:
-    """Raise where demonstrations differ in channels, units or rotation reference."""
+def _alike(demonstrations: Sequence[Demonstration]) -> list[Demonstration]:
+    """Return demonstrations with the rotation reference of the first.
+
+    Raise where they differ in channels or units, or one of them has no such reference.
+    """
     first = demonstrations[0]
-    for number, demonstration in enumerate(demonstrations, 1):
+    alike = [with_reference(d, first.rotation_reference) for d in demonstrations]
+    for number, demonstration in enumerate(alike, 1):
         for what in ("channels", "units", "rotation_reference"):
             actual, expected = (
                 ", ".join(map(str, getattr(d, what) or ["none"]))
@@ -133,6 +137,7 @@ def _check_compatible(demonstrations: Sequence[Demonstration]) -> None:
                     f"demonstration {number} has the {what.replace('_', ' ')} {actual}; "
                     f"the first has {expected}. They must be the same."
                 )
+    return alike
 
 
 def demonstration_list(recordings: Any, call: str) -> list[Demonstration]:
@@ -199,6 +204,9 @@ def cut_demonstrations(
     """
     if start_time is None and end_time is None:
         return X
+    for name, value in (("start_time", start_time), ("end_time", end_time)):
+        if value is not None and value != np.inf:
+            check_number(value, name, unit="s", error=DemonstrationError)
     recordings = _recordings(X, rate=rate)
     if recordings is None:
         raise DemonstrationError(
@@ -238,7 +246,7 @@ def as_windows(
         X = recordings
         if not X:
             raise DemonstrationError("there is no demonstration; give at least one.")
-        _check_compatible(X)
+        X = _alike(X)
         split = [d.split_at_gaps(rate) or [d] for d in X]
         sources = np.repeat(np.arange(len(X)), [len(parts) for parts in split])
         recordings = [part for parts in split for part in parts]

@@ -19,6 +19,9 @@ from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 from fmp_drake.primitives.playback.motion import Motion
 
+# Greatest swing of a correction relative to the errors that it corrects.
+_MOST_SWING = 10.0
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ViaPoint:
@@ -376,7 +379,12 @@ def _correction(
     solution = np.linalg.lstsq(system, np.append(errors, 0.0))[0]
     out = flexibility * (rows.T @ solution[:size])
     out[0] = solution[size]
-    if not np.max(np.abs(rows @ out - errors)) < 1e-6 * (1 + np.max(np.abs(errors))):
+    largest = np.max(np.abs(errors))
+    swing = np.max(
+        np.abs(np.cos(np.pi * np.linspace(0, 1, 4 * len(k))[:, None] * k) @ out)
+    )
+    is_met = np.max(np.abs(rows @ out - errors)) < 1e-6 * (1 + largest)
+    if not is_met or swing > _MOST_SWING * largest:
         raise SkillError(
             "two via-points of a channel are at the same phase or too near to each "
             "other; move them apart."

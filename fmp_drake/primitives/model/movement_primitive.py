@@ -1,6 +1,7 @@
 """The Fourier movement primitive: a skill that is learned from demonstrations."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, Literal, Self
 
@@ -276,20 +277,20 @@ class FourierMovementPrimitive(TrajectoryMixture):
         self.check_parameters()
         if period is not None:
             check_number(period, "period", least=8 / self.rate, unit="s")
-        for name in ("n_steps_", "overlap_"):
-            self.__dict__.pop(name, None)
-        X = cut_demonstrations(X, start_time, end_time, self.rate)
-        recorded, counts = weighted_windows(self._windows(X, at_least=0), weights)
-        recordings, example = recorded.recordings(), recorded.example
-        samples = np.concatenate(recordings)
-        d = samples.shape[1]
-        self.n_channels_ = d
-        self.channels_ = example.channels if example else default_channels(d)
-        self.units_ = example.units if example else ("m",) * d
-        self.frame_ = example.frame if example else ""
-        self.rotation_reference_ = example.rotation_reference if example else None
-        self.scales_ = channel_scales(self.scales, samples, self.units_)
-        with one_blas_thread():
+        with _unchanged_on_error(self), one_blas_thread():
+            for name in ("n_steps_", "overlap_"):
+                self.__dict__.pop(name, None)
+            X = cut_demonstrations(X, start_time, end_time, self.rate)
+            recorded, counts = weighted_windows(self._windows(X, at_least=0), weights)
+            recordings, example = recorded.recordings(), recorded.example
+            samples = np.concatenate(recordings)
+            d = samples.shape[1]
+            self.n_channels_ = d
+            self.channels_ = example.channels if example else default_channels(d)
+            self.units_ = example.units if example else ("m",) * d
+            self.frame_ = example.frame if example else ""
+            self.rotation_reference_ = example.rotation_reference if example else None
+            self.scales_ = channel_scales(self.scales, samples, self.units_)
             tracked = self._tracked_rhythm(recordings, counts, period, progress)
             if tracked is not None and self._fits(tracked, are_windows=example is None):
                 start = 0.0 if start_time is None else start_time
@@ -298,8 +299,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 self._learn_phase(tracked, are_windows=example is None)
             else:
                 self._learn_mixture(X, weights, progress)
-        # A copy of another tempo has another rate and the same samples.
-        self.n_steps_, self.overlap_ = self.n_steps, self.overlap
+            # A copy of another tempo has another rate and the same samples.
+            self.n_steps_, self.overlap_ = self.n_steps, self.overlap
         return self
 
     def _learn_phase(self, tracked: TrackedRhythm, *, are_windows: bool) -> None:
@@ -551,6 +552,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 f"model is {self.model!r}; it must be 'mixture', 'phase' or 'automatic'."
             )
         check_number(self.rate, "rate", least=1e-6, most=1e6, unit="Hz")
+        if self._window is not None:
+            check_number(self._window, "window", above=0, unit="s")
         steps = self._most_steps if self._given_steps is None else self._given_steps
         check_number(steps, "n_steps", least=8, whole=True)
         overlap = self._nominal_overlap
@@ -614,3 +617,15 @@ def copy_skill(
     return build_skill(
         {**skill.get_params(deep=False), **(parameters or {})}, {**attributes, **fitted}
     )
+
+
+@contextmanager
+def _unchanged_on_error(skill: FourierMovementPrimitive) -> Iterator[None]:
+    """Give a skill back its attributes where learning fails or is interrupted."""
+    before = skill.__dict__.copy()
+    try:
+        yield
+    except BaseException:
+        skill.__dict__.clear()
+        skill.__dict__.update(before)
+        raise

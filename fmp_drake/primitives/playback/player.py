@@ -236,8 +236,10 @@ class Player:
 
     def advance(self, state: PlaybackState, seconds: float) -> PlaybackState:
         """Return the state some seconds of real time later, with all ticks and re-mappings."""
-        if not seconds < np.inf:
-            check_number(seconds, "seconds", unit="s")
+        # A tick that is overdue is as long ago.
+        overdue = min(state.seconds_until(self.tick_seconds), 0.0)
+        if not overdue - _ROUNDING * self.tick_seconds <= seconds < np.inf:
+            check_number(seconds, "seconds", least=0, unit="s")
         while True:
             wait = state.seconds_until(self.tick_seconds)
             if seconds < wait - _ROUNDING * self.tick_seconds:
@@ -291,11 +293,7 @@ class Player:
         return self._entered(state, plan, values.ravel(), motion)
 
     def retarget(
-        self,
-        state: PlaybackState,
-        target: Array,
-        *,
-        at_once: bool = False,
+        self, state: PlaybackState, target: Array, *, at_once: bool = False
     ) -> PlaybackState:
         """Track other weights, shape (D*T,); the motion does not jump.
 

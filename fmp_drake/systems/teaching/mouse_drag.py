@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.numeric import Array
+from fmp_drake.settings import bounded
 from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import Surface
 
@@ -63,17 +64,17 @@ class DragConfig:
     40.0
     """
 
-    stiffness: float
-    damping: float
-    max_force: float
-    normal_force: float = 0.0
+    stiffness: float = bounded(400.0, above=0)
+    damping: float = bounded(40.0, least=0)
+    max_force: float = bounded(40.0, above=0)
+    normal_force: float = bounded(0.0, least=0)
     holds: bool = False
-    max_speed: float = 0.8
-    max_jump: float = 0.2
-    max_travel: float = 0.08
-    timeout: float = 0.3
-    max_angular_speed: float = 1.2
-    max_rotation: float = 0.6
+    max_speed: float = bounded(0.8, above=0)
+    max_jump: float = bounded(0.2, above=0)
+    max_travel: float = bounded(0.08, above=0)
+    timeout: float = bounded(0.3, above=0)
+    max_angular_speed: float = bounded(1.2, above=0)
+    max_rotation: float = bounded(0.6, above=0)
 
 
 GUIDING_DRAG = DragConfig(
@@ -81,7 +82,7 @@ GUIDING_DRAG = DragConfig(
 )
 """Hand guiding of an arm that is free to move; it is held where the drag ends."""
 
-PULLING_DRAG = DragConfig(stiffness=400.0, damping=40.0, max_force=40.0, max_jump=0.6)
+PULLING_DRAG = DragConfig(max_jump=0.6)
 """A disturbance of an arm at work."""
 
 

@@ -24,7 +24,7 @@ TIMES = {
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), 1e-9),
     "100 ns": 1e-7,
 }
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 ANGLES = {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180}
 # Symbols of units that headers spell out.
 _SYMBOLS = {
@@ -32,10 +32,14 @@ _SYMBOLS = {
     **dict.fromkeys(("centimeters", "centimetres", "centimeter", "centimetre"), "cm"),
     **dict.fromkeys(("millimeters", "millimetres", "millimeter", "millimetre"), "mm"),
     **dict.fromkeys(("inches", "inch"), "in"),
+    **dict.fromkeys(("feet", "foot"), "ft"),
     **dict.fromkeys(("radians", "radian"), "rad"),
     **dict.fromkeys(("degrees", "degree"), "deg"),
 }
-_SUFFIXES = "|".join(sorted({*TIMES, *LENGTHS, *ANGLES}, key=len, reverse=True))
+# `fx_ft` is of a force-torque sensor.
+_SUFFIXES = "|".join(
+    sorted({*TIMES, *LENGTHS, *ANGLES} - {"ft"}, key=len, reverse=True)
+)
 # Names of columns that only count, and names with the axis before the word `position`.
 _COUNTER = re.compile(
     r"|unnamed_0|(.*_)?(index|idx|seq|frame|frame_number|sample|count|counter|row|no|id|i|n)"
