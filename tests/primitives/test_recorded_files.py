@@ -489,10 +489,10 @@ def test_the_rate_that_is_advised_for_whole_seconds_is_the_rate(tmp_path):
         read_demonstrations([path])
 
 
-@pytest.mark.parametrize(("unit", "metres"), [("in", 0.0254), ("feet", 0.3048)])
+@pytest.mark.parametrize(("unit", "metres"), [("in", 0.0254), ("Feet", 0.3048)])
 def test_a_row_of_units_may_be_imperial(tmp_path, unit, metres):
     rows = [f"{t},{t},{2 * t},0" for t in files.TIME]
-    text = "\n".join(["time,x,y,z", f"s,{unit},{unit},{unit}", *rows])
+    text = "\n".join(["time,x,y,z", f"Seconds,{unit},{unit},{unit}", *rows])
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert_allclose(found.values[:, 1], 2 * metres * files.TIME)
 

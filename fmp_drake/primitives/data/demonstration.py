@@ -372,20 +372,21 @@ def add_orientation(
     )
 
 
-def with_reference(
-    demonstration: Demonstration, reference: Quaternion | None
-) -> Demonstration:
-    """Return a demonstration whose rotation vectors are those from another reference.
+def with_reference(demonstration: Demonstration, other: Demonstration) -> Demonstration:
+    """Return a demonstration whose rotation vectors have the reference of another one.
 
-    It is unchanged where it has no rotation channels, or there is no reference.
+    It is unchanged where one of them has no rotation channels.
     """
-    known = demonstration.rotation_reference
+    known, reference = demonstration.rotation_reference, other.rotation_reference
     if known is None or reference in (None, known):
         return demonstration
     index = channel_indices(ROTATION_CHANNELS, demonstration.channels)
     values = demonstration.values.copy()
-    rotations = rotations_of(values[:, index], known)
-    values[:, index] = rotation_vectors(rotations, reference)
+    values[:, index] = rotation_vectors(
+        rotations_of(values[:, index], known),
+        reference,
+        near=other.select(ROTATION_CHANNELS).values.mean(axis=0),
+    )
     return replace(demonstration, values=values, rotation_reference=reference)
 
 
@@ -449,9 +450,8 @@ def read_demonstrations(
             )
         names = [c for c in recording.channels if c not in QUATERNION_CHANNELS]
         demonstrations[i] = recording.select(names)
-    references = [d.rotation_reference for d in demonstrations if d.rotation_reference]
-    if references:
-        demonstrations = [with_reference(d, references[0]) for d in demonstrations]
+    for first in [d for d in demonstrations if d.rotation_reference][:1]:
+        demonstrations = [with_reference(d, first) for d in demonstrations]
     return demonstrations, remarks
 
 

@@ -125,7 +125,7 @@ def _alike(demonstrations: Sequence[Demonstration]) -> list[Demonstration]:
     Raise where they differ in channels or units, or one of them has no such reference.
     """
     first = demonstrations[0]
-    alike = [with_reference(d, first.rotation_reference) for d in demonstrations]
+    alike = [with_reference(d, first) for d in demonstrations]
     for number, demonstration in enumerate(alike, 1):
         for what in ("channels", "units", "rotation_reference"):
             actual, expected = (

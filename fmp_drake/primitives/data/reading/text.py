@@ -23,6 +23,7 @@ from fmp_drake.primitives.data.reading.table import (
     count_text,
     named_unit,
     topic_choice,
+    unit_symbol,
 )
 
 _COMMENT = re.compile(r"^\s*(?:#|%|//)+\s*")
@@ -45,7 +46,8 @@ _MOST_DELETED = 20
 # Greatest number of lines before the numbers.
 _LONGEST_PREAMBLE = 200
 _UNIT = re.compile(
-    r"[\[(]?(|[numkcd]?s|[munc]?m|in|m?rad|deg|°|N|N/?m|-|m/s|rad/s)[\])]?"
+    r"[\[(]?(|[numkcd]?s|[munc]?m|in|ft|m?rad|deg|°|N|N/?m|-|m/s|rad/s"
+    r"|(?i:sec(onds)?|((milli|centi)?met(er|re)|inche?|radian|degree)s?|feet))[\])]?"
 )
 # Names of columns of numbers that identify a sensor, and the greatest number of sensors.
 SOURCE_NAME = re.compile(
@@ -398,7 +400,7 @@ def _header(
     if len(rows) > 1 and len(rows[-2]) == width == len(rows[-1]):
         units = [_UNIT.fullmatch(cell) for cell in rows[-1]]
         if all(units):
-            below = [unit[1] if unit else "" for unit in units]
+            below = [unit_symbol(unit[1]) if unit else "" for unit in units]
             rows.pop()
     names = rows[-1]
     if len(names) != width:  # As `numpy.savetxt` writes: commas above, spaces below.
