@@ -54,7 +54,7 @@ def _run(arguments: Sequence[str] | None) -> tuple[str, int]:
     except click.Abort:
         return terminal.MESSAGE, 130
     except OSError as error:
-        reason = f"{error.filename or ''}: {error.strerror}".lstrip(": ")
+        reason = f"{error.filename or ''}: {error.strerror or error}".lstrip(": ")
         return f"fmp-drake: {reason}", 2
     return "", 0
 

@@ -95,7 +95,8 @@ def convert_frames(
     Raises
     ------
     RunError
-        If the film cannot be written, or the packages for films are missing.
+        If the film cannot be written, a frame is missing or damaged, or the packages for
+        films are missing.
     """
     if out.suffix.lower() != ".gif":
         ffmpeg_program()
@@ -103,23 +104,37 @@ def convert_frames(
     if not frames.is_file():
         raise RunError(f"there is no frame archive {frames}.")
     with tempfile.TemporaryDirectory() as folder:
-        with (
-            contextlib.suppress(tarfile.TarError, EOFError),
-            tarfile.open(frames) as archive,
-        ):
-            archive.extractall(folder, filter="data")
+        damage = ""
+        try:
+            with tarfile.open(frames) as archive:
+                archive.extractall(folder, filter="data")
+        except (tarfile.TarError, EOFError) as error:
+            damage = str(error)
         pictures = sorted(Path(folder).rglob("*.png"))
         if not pictures:
             raise RunError(
-                f"{frames} is not a .tar of numbered .png frames; save one from the "
-                "page: Open Controls, Animations, default, recording, record."
+                f"{frames} is not a .tar of numbered .png frames; save one from a page that "
+                "wipe --html has written: the viewer's own settings, Animations, default, "
+                "Recording, record (png)."
             )
-        with Image.open(pictures[0]) as first:
-            size = first.size
+        if damage:
+            raise RunError(
+                f"{frames} is damaged after {len(pictures)} frames ({damage}); save it again."
+            )
+
+        def picture(i: int) -> Image.Image:
+            try:
+                return Image.open(pictures[i]).convert("RGB")
+            except OSError:
+                raise RunError(
+                    f"{pictures[i].name} of {frames} is not a picture."
+                ) from None
+
+        size = picture(0).size
 
         def frame(i: int) -> NDArray[np.uint8]:
             # The window may have been resized while it was recorded.
-            return np.asarray(Image.open(pictures[i]).convert("RGB").resize(size))
+            return np.asarray(picture(i).resize(size))
 
         write_film(out, frame, len(pictures), fps=fps, track=track)
 

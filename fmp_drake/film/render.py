@@ -31,6 +31,8 @@ FILM_SIGNALS = ("measured_position", "normal_force", "desired_normal_force")
 
 MAX_FPS = {".mp4": 120.0, ".gif": 50.0}
 """Greatest numbers of frames per second, by the ending of a film's name."""
+# A picture of a .gif lasts up to 655 s. In slow motion a step of 1 ms has many frames.
+_LEAST_FPS, _LEAST_SPEED = 0.01, 0.001
 _SUPERSAMPLING = 2  # Rendered pixels per pixel of a picture, along each edge.
 # Duration of the path behind the eraser, and between two of its points, s.
 _TRAIL_SECONDS, _TRAIL_STEP = 4.0, 0.02
@@ -68,8 +70,7 @@ class FilmReel:
     """
 
     def __init__(self, station: Diagram, *, fps: float, speed: float = 1.0) -> None:
-        for name, value in (("fps", fps), ("speed", speed)):
-            check_number(value, name, above=0.0, error=RunError)
+        _check_rates(fps, speed)
         self.fps = float(fps)
         self.speed = float(speed)
         self.station = station
@@ -94,15 +95,18 @@ class FilmReel:
         if self._times and time < self._times[-1]:
             self._clear()
         start = self._times[0] if self._times else time
-        if time < start + len(self._times) * self.speed / self.fps - 1e-9:
-            return
-        context = self.station.GetMyContextFromRoot(root)
+        # In slow motion several frames may show the same step.
+        while time >= start + len(self._times) * self.speed / self.fps - 1e-9:
+            self._append(time, root)
+
+    def _append(self, time: float, root: Context) -> None:
+        """Append a frame of a root Context."""
         self._times.append(time)
         self._positions.append(
             np.array(self._plant.GetPositions(self._plant.GetMyContextFromRoot(root)))
         )
         if self._ink is not None:
-            ink = self._ink.Eval(context)
+            ink = self._ink.Eval(self.station.GetMyContextFromRoot(root))
             self._inks.append(np.rint(255 * np.clip(ink, 0, 1)).astype(np.uint8))
 
     @property
@@ -124,6 +128,11 @@ class FilmReel:
         if self._ink is None:
             return np.zeros((len(self._times), 0), np.uint8)
         return self._inks.array()
+
+
+def _check_rates(fps: float, speed: float) -> None:
+    check_number(fps, "fps", least=_LEAST_FPS, error=RunError)
+    check_number(speed, "speed", least=_LEAST_SPEED, error=RunError)
 
 
 def check_film(
@@ -155,8 +164,8 @@ def check_film(
         return
     check_writable(path, "a film", [*MAX_FPS], RunError)
     suffix = path.suffix.lower()
-    check_number(fps, "fps", above=0.0, most=MAX_FPS[suffix], error=RunError)
-    check_number(speed, "speed", above=0.0, error=RunError)
+    check_number(fps, "fps", most=MAX_FPS[suffix], error=RunError)
+    _check_rates(fps, speed)
     if any(edge < 16 or edge > 4096 or edge % 2 for edge in size):
         raise RunError(
             f"a film of {size[0]} x {size[1]} pixels: both must be even, and from 16 "

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.common.yaml import yaml_dump_typed
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, MeshcatAnimation
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
@@ -344,7 +344,18 @@ class StationRun:
         text["mode"], text["detail"] = "replay", f"of a run of {seconds:g} s"
         series = self._replay_series()
         text["replay"] = {k: np.round(v, 3).tolist() for k, v in series.items()}
-        return add_panel(meshcat.StaticHtml(), text)
+        page = add_panel(meshcat.StaticHtml(), text)
+        self._show_end(meshcat)
+        return page
+
+    def _show_end(self, meshcat: Meshcat) -> None:
+        """Show the end of the run on its own page, without the recording."""
+        meshcat.SetAnimation(MeshcatAnimation())
+        meshcat.Delete(f"{BOARD}/measured")
+        root = self.simulator.get_context()
+        for system in self.station.GetSystems():
+            if system.get_name().endswith("_visualizer"):
+                system.ForcedPublish(system.GetMyContextFromRoot(root))
 
     def _finish_recording(self, meshcat: Meshcat) -> None:
         """Add to a recording the drawings that Meshcat does not record."""
@@ -399,7 +410,7 @@ class WipingRun(StationRun):
     0
     """
 
-    _replayed = ("measured_position", "normal_force")
+    _replayed = ("measured_position", "normal_force", "desired_normal_force")
     _title = "A whiteboard is wiped"
 
     def _add_systems(self, builder: DiagramBuilder) -> None:
@@ -489,7 +500,10 @@ class WipingRun(StationRun):
 
     def _replay_series(self) -> dict[str, Array]:
         times = self._ink_times.array()
-        force = np.interp(
-            times, self.log_times("normal_force"), self.log("normal_force")[:, 0]
-        )
-        return {"time": times, "cleaned": self.cleaned_by(times), "force": force}
+        series = {"time": times, "cleaned": self.cleaned_by(times)}
+        for key, name in (
+            ("force", "normal_force"),
+            ("desired_force", "desired_normal_force"),
+        ):
+            series[key] = np.interp(times, self.log_times(name), self.log(name)[:, 0])
+        return series

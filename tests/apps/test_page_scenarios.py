@@ -7,7 +7,7 @@ from browser import OFFLINE, PANEL, Page, needs_chromium
 from fmp_drake.apps.page import open_page
 from fmp_drake.runs.station_run import MakeRun, WipingRun
 from fmp_drake.skills.learning import scenario_skill
-from fmp_drake.station.page import BOARD
+from fmp_drake.station.page import BOARD, INK
 from fmp_drake.station.scenario import ListScenarios, LoadScenario
 
 REPLAYED = "moving_board"
@@ -126,7 +126,21 @@ def test_recording_of_a_scenario_opens_offline_and_shows_the_same(
     run = run_of(REPLAYED)
     run.remove_controls()
     html = tmp_path / "run.html"
-    html.write_text(run.html(), encoding="utf-8")
+    text = run.html()
+    html.write_text(text, encoding="utf-8")
+    assert '"desired_force": [' in text
+    # The run's own page shows its end, without the recording.
+    meshcat = run.meshcat
+    for path, is_there in (
+        (f"{BOARD}/plan", True),
+        (f"{INK}/live", True),
+        (f"{BOARD}/measured", False),
+        (f"{INK}/recorded", False),
+    ):
+        assert meshcat.HasPath(path) == is_there
+    for name in ("plan", "trail"):
+        meshcat.Delete(f"{BOARD}/{name}")
+    path = BOARD.strip("/").split("/")
     size = (SIZE[0] + PANEL, SIZE[1])
     with Page(html.as_uri(), tmp_path, *OFFLINE, size=size) as offline:
         offline.wait_for(f"{PAUSE} === 'play'")  # The replay has ended.
@@ -134,6 +148,10 @@ def test_recording_of_a_scenario_opens_offline_and_shows_the_same(
         said = offline.run("document.body.innerText")
         assert f"{SECONDS:.1f} s" in said
         assert f"{100 * run.cleaned_by([SECONDS])[0]:.0f} %" in said
+        offline.run(
+            f"viewer.scene_tree.find({[*path, 'measured']}).object.visible = false;"
+            "viewer.set_dirty()"
+        )
         picture = offline.settled_picture()[:, PANEL:]
         offline.run("document.getElementById('fmp-again').click()")
         offline.wait_for(f"{PAUSE} === 'pause'")

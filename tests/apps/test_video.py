@@ -77,7 +77,7 @@ def test_a_gif_needs_no_extra(command, make_frames, outputs, monkeypatch):
 
 
 @pytest.mark.usefixtures("ffmpeg")
-def test_invalid_archive_of_frames_is_refused(refused, tmp_path, outputs):
+def test_invalid_archive_of_frames_is_refused(refused, make_frames, tmp_path, outputs):
     film = outputs / "film.mp4"
     assert "no frame archive" in refused("video", tmp_path / "nowhere.tar", film)
     noise = tmp_path / "noise.tar"
@@ -87,6 +87,12 @@ def test_invalid_archive_of_frames_is_refused(refused, tmp_path, outputs):
     with tarfile.open(empty, "w") as tar:
         tar.add(noise, arcname="readme.txt")
     assert "is not a .tar" in refused("video", empty, film)
+    whole = make_frames().read_bytes()
+    noise.write_bytes(whole[: 3 * len(whole) // 4])
+    assert "is damaged after" in refused("video", noise, film)
+    with tarfile.open(empty, "w") as tar:
+        tar.add(noise, arcname="0000001.png")
+    assert "0000001.png of" in refused("video", empty, film)
     assert list(outputs.iterdir()) == []
 
 

@@ -402,6 +402,12 @@ class TestReel:
             reel.ink, np.tile(np.rint(255 * half_inked()).ravel(), (6, 1))
         )
 
+    def test_slow_motion_repeats_the_steps(self, station):
+        reel = FilmReel(station, fps=50, speed=0.02)
+        self.run(station, reel, 0.1)
+        assert len(reel.times) == 251
+        assert np.max(np.abs(reel.times - 0.02 / 50 * np.arange(251))) < 0.0101
+
     def test_times_between_steps_do_not_drift(self, station):
         reel = FilmReel(station, fps=30)
         self.run(station, reel, 2.0)
@@ -418,7 +424,7 @@ class TestReel:
 
     @pytest.mark.parametrize("change", [{"fps": 0}, {"fps": np.nan}, {"speed": -1}])
     def test_bad_rates_are_refused(self, change, station):
-        with pytest.raises(FmpError, match="must be positive"):
+        with pytest.raises(FmpError, match=r"(fps|speed) is .* at least 0\.0"):
             FilmReel(station, **{"fps": 10, **change})
 
 
@@ -433,6 +439,7 @@ class TestChecks:
             ("film.avi", {}, r"end in \.mp4 or \.gif"),
             ("film", {}, r"end in \.mp4 or \.gif"),
             ("film.gif", {"fps": 0}, "fps is 0"),
+            ("film.gif", {"fps": 0.001}, r"at least 0\.01"),
             ("film.gif", {"fps": 51}, "at most 50"),
             ("film.gif", {"fps": np.inf}, "fps is inf"),
             ("film.mp4", {"fps": 200}, "at most 120"),
