@@ -232,10 +232,10 @@ def advice(feasibility: Feasibility, scene: SceneOptions, *groups: Any) -> str:
     """Return the command line that may make a skill feasible, with groups of options."""
     changed = feasibility.suggestion
     if not changed:
-        return "--start, the scenario's board or another skill may help."
+        return "--start, the scenario's board or another skill may help"
     others: dict[str, Any] = dict.fromkeys(changed)
     flags = arguments(replace(scene, **others), *groups)
     for name, value in changed.items():
         numbers = [f"{number:g}" for number in np.ravel(value)]
         flags += [f"--{name.replace('_', '-')}", *numbers]
-    return f"Try: {shlex.join(['fmp-drake', 'wipe', *flags])}."
+    return f"Try: {shlex.join(['fmp-drake', 'wipe', *flags])}"

@@ -202,7 +202,7 @@ def wipe(
         ):
             raise StationError(
                 f"{feasibility.verdict} {advice(feasibility, scene, learning, recording)} "
-                "--force runs it anyway."
+                "(--force runs it anyway)."
             )
         if scenario.skill.tempo == feasibility.suggested_tempo:  # A viewer has set it.
             feasibility = CheckFeasibility(scenario, skill)
@@ -293,7 +293,6 @@ def _simulate(
             panel.show(summary=[], progress=None, grab=grab)
             if choice is not None:  # It takes the last message off the page.
                 panel.say(choice, level="idle")
-        start, begin = time.perf_counter(), run.simulator.get_context().get_time()
         times = advance(
             run.simulator,
             end,
@@ -306,14 +305,13 @@ def _simulate(
         if panel is not None:
             times = _show_events(times, run, panel, rate)
         show_progress(console, times, until=end, label="running")
-        wall_seconds = time.perf_counter() - start
         seconds = run.simulator.get_context().get_time()
         run.remove_controls()
         metrics = {
             "scenario": about["scenario"],
             "simulated_seconds": seconds,
-            "wall_seconds": wall_seconds,
-            "real_time_factor": (seconds - begin) / wall_seconds,
+            "wall_seconds": run.wall_seconds,
+            "real_time_factor": seconds / max(run.wall_seconds, 1e-9),
             "learn_seconds": about["learn_seconds"],
             **run.metrics(),
             "events": [event._asdict() for event in run.events()],
@@ -353,6 +351,7 @@ def _restart(run: StationRun, panel: PagePanel | None) -> None:
     """Discard the results of a run and its last message on the page."""
     run.restart()
     if panel is not None:
+        panel.show(rate=1.0)
         panel.say("reset", level="idle")
 
 

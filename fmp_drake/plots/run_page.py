@@ -90,7 +90,7 @@ def draw_run(run: "StationRun") -> Figure:
         axes.append(figure.add_subplot(grid[row, :], sharex=axes[0] if axes else None))
         draw(axes[-1], run)
     finish_times(axes, list(rows))
-    axes[0].set_xlim(0, run.log_times("measured_position")[-1])
+    axes[0].set_xlim(0, max(run.log_times("measured_position")[-1], 1e-3))
     for ax in axes:
         # The last title is short: the names of the events have room beside it.
         _draw_events(ax, run, named=ax is axes[-1])

@@ -137,18 +137,22 @@ def add_colorbar(
     bar.outline.set_visible(False)
 
 
-def legend_above(ax: Axes) -> None:
-    """Add a legend above the axes at the right, with each label once, if any."""
+def legend_above(ax: Axes) -> int:
+    """Add a legend above the axes at the right, with each label once, if any.
+
+    Return the number of its rows.
+    """
     handles, labels = ax.get_legend_handles_labels()
     handles_by_label = dict(zip(labels, handles, strict=True))
     if not handles_by_label:
-        return
+        return 0
+    columns = 4 if len(handles_by_label) <= 4 else 3
     legend = ax.legend(
         handles_by_label.values(),
         handles_by_label,
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
-        ncols=4,
+        ncols=columns,
         columnspacing=1.2,
         handlelength=1.5,
         frameon=False,
@@ -157,6 +161,7 @@ def legend_above(ax: Axes) -> None:
     )
     for line in legend.get_lines():
         line.set_linewidth(max(1.0, line.get_linewidth()))
+    return -(-len(handles_by_label) // columns)
 
 
 def label_decades(axis: Axis, multiples: Sequence[float]) -> None:

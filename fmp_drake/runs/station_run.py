@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from math import floor, isfinite
 from pathlib import Path
+from time import perf_counter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -87,6 +88,8 @@ class StationRun:
         Names of the kept signals.
     demonstrated : list of ndarray, shape (N, D)
         The demonstrated paths in B, or those of the skill's components.
+    wall_seconds : float
+        Time that the simulation has taken since its start, s.
 
     Examples
     --------
@@ -184,6 +187,7 @@ class StationRun:
         arm = MakeRobotModel(robot, self.scenario.held_tool()).plant
         controller = self.station.GetSubsystemByName("controller")
         update: Any = controller.GetUniquePeriodicDiscreteUpdateAttribute()
+        self.wall_seconds = 0.0
         self._metrics = RunMetrics(
             self.scenario,
             self._primitive.player.region,
@@ -210,10 +214,12 @@ class StationRun:
     def advance_to(self, time: float) -> None:
         """Advance the simulation to a time, s, and collect the logged samples."""
         check_number(time, "time", least=0, unit="s", error=RunError)
+        begin = perf_counter()
         while (now := self.simulator.get_context().get_time()) < time:
             chunk_end = (floor(now / _CHUNK) + 1) * _CHUNK
             self.simulator.AdvanceTo(min(chunk_end, time))
             self._collect()
+        self.wall_seconds += perf_counter() - begin
 
     def _collect(self) -> None:
         """Move samples from the log sinks into metrics and kept signals."""

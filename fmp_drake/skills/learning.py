@@ -47,7 +47,7 @@ def bundled_demonstrations() -> list[str]:
 
 def default_demonstration(task: str = "wiping") -> Path:
     """Return the path of a bundled demonstration by its name, or a path unchanged."""
-    if Path(task).suffix or Path(task).is_dir():
+    if Path(task).suffix or (task and Path(task).is_dir()):
         return Path(task)
     if task not in bundled_demonstrations():
         raise DemonstrationError(

@@ -164,6 +164,13 @@ class Scenario:
                 f"simulator.integration_scheme is {self.simulator.integration_scheme}; "
                 f"choose one of: {', '.join(GetIntegrationSchemes())}."
             )
+        if self.simulator.start_time != 0:
+            return "simulator.start_time must be 0: a run begins with its station."
+        if not self.plant.contact_model.startswith("hydroelastic"):
+            return (
+                f"plant.contact_model is {self.plant.contact_model}; choose hydroelastic or "
+                "hydroelastic_with_fallback, whose contact with the felt is measured."
+            )
         for name in ("accuracy", "max_step_size"):
             value = getattr(self.simulator, name)
             if not 0 < value < math.inf:
@@ -177,10 +184,14 @@ class Scenario:
         n = len(LoadRobot(self.robot).posture)
         if len(self.posture) not in (0, n):
             return f"posture is {self.posture}; expected {n} numbers."
-        for friction in (self.friction, self.impedance.friction_compensation):
+        for prefix, friction in (
+            ("", self.friction),
+            ("impedance.friction_compensation.", self.impedance.friction_compensation),
+        ):
             for name in ("height", "slope", "shift"):
                 if len(values := getattr(friction, name)) not in (0, n):
-                    return f"friction.{name} is {values}; expected {n} numbers."
+                    field_name = f"{prefix or 'friction.'}{name}"
+                    return f"{field_name} is {values}; expected {n} numbers."
         return ""
 
     def preferred_posture(self) -> list[float]:
@@ -309,8 +320,9 @@ def _Parse(
 def _Locate(scenario: Scenario, folder: Path) -> None:
     """Resolve the paths in a scenario, which are relative to its folder."""
     skill, ink = scenario.skill, scenario.ink
-    if skill.demonstration.endswith((".csv", ".npz")):
-        skill.demonstration = str(folder / skill.demonstration)
+    name = skill.demonstration
+    if Path(name).suffix or (name and (folder / name).is_dir()):
+        skill.demonstration = str(folder / name)
     if skill.file:
         skill.file = str(folder / skill.file)
     if ink.picture:

@@ -58,6 +58,7 @@ def in_one_line(what: str, hint: str = "") -> Iterator[None]:
         KeyError,
         OSError,
         AssertionError,  # Drake's loader, for a number in place of a mapping.
+        SystemExit,  # Drake's failed assertions.
         yaml.YAMLError,
     ) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
@@ -248,7 +249,7 @@ class EraserConfig:
     0.375
     """
 
-    footprint: list[float] = bounded([0.12, 0.05], above=0, most=1)
+    footprint: list[float] = bounded([0.12, 0.05], above=0.01, most=1)
     modulus: float = bounded(1.25e4, above=0)
     friction: float = bounded(0.5, least=0)
     worn: float = bounded(0.0, least=0, most=1)

@@ -425,6 +425,14 @@ def test_installed_package_adds_a_method(monkeypatch):
     monkeypatch.setattr(method_module, "entry_points", lambda **_: [wrong])
     with pytest.raises(ExperimentError, match=r"the entry point bad .* subclass of"):
         all_methods()
+    for name, message in (
+        (None, "package:bad has no name"),
+        ("FMP", "both called FMP"),
+    ):
+        same = type("Same", (Still,), {"name": name})
+        wrong.load = partial(lambda method: method, same)
+        with pytest.raises(ExperimentError, match=message):
+            all_methods()
 
 
 def test_missing_folder_is_refused(refused, tmp_path):

@@ -5,7 +5,7 @@ import pytest
 
 from fmp_drake import FmpError
 from fmp_drake.experiments.trials import TrialSpec
-from fmp_drake.experiments.trials.spec import Distribution, read_value
+from fmp_drake.experiments.trials.spec import Distribution, own_files, read_value
 from fmp_drake.station import ParseScenario
 
 SPEC = """
@@ -123,6 +123,10 @@ def test_distribution_has_its_mean_and_deviation(kind, values, mean, deviation):
         ("fields: {skill.seed: {uniform: [0, 2026-99-99]}}", "cannot be read as YAML"),
         ("disturbances: {each: {forc: 1}}", "no forc: it has kind, start"),
         ("disturbances: {each: {kind: kick}}", "choose one of: push, grasp"),
+        (
+            "disturbances: {count: {choice: [0, 1]}, each: {start: {uniform: [-1.0, 3.0]}}}",
+            r"disturbances\[0\].start is -1",
+        ),
     ],
 )
 def test_invalid_names_and_values_are_named(text, message):
@@ -175,6 +179,18 @@ def test_paths_are_relative_to_the_specification(tmp_path, make_npz):
     path.write_text("fields: {skill.demonstration: {choice: [mine.npz]}}")
     scenario = ParseScenario(TrialSpec.load(path).draw(seed=0, number=0).scenario)
     assert scenario.skill.demonstration == str(tmp_path / "mine.npz")
+
+
+def test_task_of_free_space_that_the_fields_make_is_drawn(tmp_path):
+    (tmp_path / "stick.sdf").write_text("<sdf/>")
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "fields: {board: {shape: none}, tool: stick.sdf, skill.demonstration: stirring}"
+    )
+    trial = TrialSpec.load(path).draw(seed=0, number=0)
+    assert trial.fields["skill"]["demonstration"] == "stirring"
+    assert trial.fields["tool"] == str(tmp_path / "stick.sdf")
+    assert own_files(trial.fields) == [tmp_path / "stick.sdf"]
 
 
 def test_missing_specification_lists_the_bundled_ones():

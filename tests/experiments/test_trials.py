@@ -491,7 +491,11 @@ def test_folder_that_cannot_store_trials_is_refused(
             "path",
             "34.0 mm rms, 10 mm at most",
         ),
-        ({"normal_force_wanted_fraction": 0.5}, "press", "50 % of the time in contact"),
+        (
+            {"normal_force_wanted_fraction": 0.5},
+            "press",
+            "50.0 % of the time in contact",
+        ),
         (
             {"contact_fraction": 0.0, "normal_force_wanted_fraction": 0.0},
             "press",
@@ -508,7 +512,7 @@ def test_folder_that_cannot_store_trials_is_refused(
             "0.55 degrees rms off its orientation, above 0.5",
         ),
         ({"arm_on_board_s": 0.06}, "touch", "touches the board for 0.06 s"),
-        ({"desired_contact_fraction": 0.9}, "press", "for 90 % of the desired time"),
+        ({"desired_contact_fraction": 0.9}, "press", "for 90.0 % of the desired time"),
         ({"normal_force_max_n": 78.1}, "force", "up to 78 N, above 78 N"),
         ({"protective_stop_s": 0.2}, "stop", "in a protective stop for 0.20 s"),
     ],
@@ -546,7 +550,7 @@ def test_trials_with_disturbances_are_judged_by_their_force_outside_them(make_st
         metrics = trial.metrics | {"normal_force_undisturbed_fraction": fraction}
         found = faults(replace(trial, metrics=metrics))
         assert [f.kind for f in found] == kinds
-    assert "90 % of the time in contact without disturbances" in found[0].text
+    assert "90.0 % of the time in contact without disturbances" in found[0].text
 
 
 def test_a_push_after_the_end_of_a_run_does_not_count(make_store):

@@ -9,7 +9,9 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.stats import chi2
 
 from fmp_drake.primitives import (
+    Demonstration,
     FourierMovementPrimitive,
+    Player,
     load_skill,
     save_skill,
     transform_space,
@@ -86,3 +88,20 @@ def test_channels_inferred_by_a_mixture_of_few_windows_are_in_the_tube(model, se
         solved = np.linalg.solve(prediction.covariances, error[..., None])[..., 0]
         is_inside = np.sum(error * solved, axis=1) < chi2.ppf(0.95, len(inferred))
         assert np.mean(is_inside) > 0.85, observed
+
+
+def test_noise_of_a_recording_is_not_amplified_at_the_end_of_its_windows():
+    rng, t = np.random.default_rng(0), np.arange(0, 60, 0.05)
+    path = gaussian_filter1d(rng.standard_normal((len(t), 2)), 12, axis=0)
+    path *= 0.1 / path.std(axis=0)
+    values = np.column_stack([path, 0 * t]) + 1e-3 * rng.standard_normal((len(t), 3))
+    skill = FourierMovementPrimitive().fit(Demonstration(time=t, values=values))
+    paper = skill.n_steps - skill.overlap
+    players = [Player(skill, sample=True, seed=3, remap_ticks=n) for n in (None, paper)]
+    assert [p.ticks_between_remaps for p in players] == [paper - 3, paper]
+    heights = [
+        np.abs(p.rollout(skill.extent_.mean(axis=0), 60.0).position[200:, 2]).max()
+        for p in players
+    ]
+    assert heights[0] < 0.01
+    assert heights[1] > 0.03

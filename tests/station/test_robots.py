@@ -309,6 +309,9 @@ FINGER = """<link name="finger"/><joint name="grip" type="{}"><parent link="ur5e
 <child link="finger"/><axis xyz="0 1 0"/><limit lower="0" upper="1" effort="9"
 velocity="1"/></joint></robot>"""
 
+WORLD = """<link name="world"/><joint name="fixed_base" type="fixed">
+<parent link="world"/><child link="ur5e_link0"/></joint></robot>"""
+
 
 @pytest.mark.parametrize(
     ("changes", "fields", "message"),
@@ -336,6 +339,16 @@ velocity="1"/></joint></robot>"""
             {},
             "the velocity limit of ur5e_joint1",
         ),
+        (
+            {"</robot>": WORLD},
+            {},
+            "own.urdf is joined to the world; remove this joint, because ur5e",
+        ),
+        (
+            {"</robot>": '<link name="loose"/></robot>'},
+            {},
+            "loose is joined neither to ur5e_.* fixed joint",
+        ),
         ({}, {"posture": [9.0, 0, 0, 0, 0, 0]}, "9 for ur5e_joint1, whose range is -6"),
     ],
 )
@@ -344,6 +357,23 @@ def test_a_model_that_does_not_fit_its_file_is_refused_with_what_to_do(
 ):
     with pytest.raises(StationError, match=message):
         MakeRobotModel(LoadRobot(_own(tmp_path, changes, **fields)))
+
+
+def test_values_of_joints_are_in_their_order_on_the_arm(tmp_path):
+    file = _own(tmp_path, {}, reflected_inertia=[0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    text = (tmp_path / "own.urdf").read_text()
+    pattern = r'<joint name="ur5e_joint\d" type.*?</joint>'
+    joints = re.findall(pattern, text, re.DOTALL)
+    assert len(joints) == 6
+    (tmp_path / "own.urdf").write_text(
+        re.sub(pattern, lambda _: joints.pop(), text, flags=re.DOTALL)
+    )
+    plant = MakeRobotModel(LoadRobot(file)).plant
+    actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+    inertias = {a.joint().name(): a.default_rotor_inertia() for a in actuators}
+    assert [inertias[f"ur5e_joint{i}"] for i in range(1, 7)] == [
+        *(0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+    ]
 
 
 def test_meshes_are_found_in_the_package_around_a_model(tmp_path):

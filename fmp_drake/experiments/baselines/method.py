@@ -151,5 +151,9 @@ def further_methods() -> list[type[Method]]:
                 f"the entry point {entry.name} of {ENTRY_POINTS} is {entry.value}; "
                 "expected a subclass of fmp_drake.experiments.benchmark.Method."
             )
+        if not isinstance(getattr(method, "name", None), str):
+            raise ExperimentError(
+                f"the method {entry.value} has no name; give the class an attribute name."
+            )
         methods.append(method)
     return methods

@@ -85,8 +85,22 @@ type Job = tuple[str, Callable[[type[Method]], MethodScores]]
 
 
 def all_methods() -> dict[str, type[Method]]:
-    """Return the methods by their names: the built-in ones, then those of packages."""
-    return {method.name: method for method in (*METHODS, *further_methods())}
+    """Return the methods by their names: the built-in ones, then those of packages.
+
+    Raises
+    ------
+    ExperimentError
+        If a package's method is none, or has the name of another one.
+    """
+    methods: dict[str, type[Method]] = {}
+    for method in (*METHODS, *further_methods()):
+        if method.name in methods:
+            raise ExperimentError(
+                f"{methods[method.name].__qualname__} and {method.__qualname__} are both "
+                f"called {method.name}; give the method of your package another name."
+            )
+        methods[method.name] = method
+    return methods
 
 
 def run_benchmark(

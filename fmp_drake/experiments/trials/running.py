@@ -108,7 +108,7 @@ def run_trial(trial: Trial, *, duration: float, force: bool) -> Trial:
     try:
         with threadpool_limits(limits=1):
             _run(trial, duration, force)
-    except Exception as error:  # noqa: BLE001
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - Drake's failed assertions
         trial.error = f"{type(error).__name__}: {' '.join(str(error).split())}"
     trial.cpu_seconds = time.process_time() - begin
     return trial

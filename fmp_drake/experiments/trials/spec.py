@@ -118,7 +118,7 @@ def _is_valid(kind: str, values: Any) -> bool:
 
 
 _KEYS = ("description", "base", "robot", "offsets", "fields", "disturbances")
-_FILES = ("skill.demonstration", "skill.file", "ink.picture")
+_FILES = ("skill.demonstration", "skill.file", "ink.picture", "tool")
 # Number of disturbances, which may be drawn.
 _COUNT = "disturbances.count"
 # Demonstration; a scenario in free space keeps its own.
@@ -246,10 +246,11 @@ class TrialSpec:
             return parameters[name]
 
         fields = deepcopy(self._bases[take("base", self._base)])
+        has_board = fields["board"]["shape"] != "none"
         robot = take("robot", self._robot)
         for name, value in self._fields.items():
             single_value = self._absolute_path(name, take(name, value))
-            if name != _DEMONSTRATION or fields["board"]["shape"] != "none":
+            if name != _DEMONSTRATION or has_board:
                 _put(fields, name, single_value)
         for name, value in self._offsets.items():
             offset = take(f"{name}, offset", value)
@@ -295,6 +296,8 @@ class TrialSpec:
 
             def extreme(distribution: Distribution, i: int = i) -> Any:
                 extremes = distribution.extremes()
+                if distribution is self._count:  # With all disturbances.
+                    return max(extremes)
                 return extremes[i % len(extremes)]
 
             trial = self._make(0, extreme)

@@ -206,7 +206,7 @@ def _judged(trial: Trial, duration: float) -> Iterator[Fault]:
         default = 1.0 if is_pushed else fraction
         calm = value("normal_force_undisturbed_fraction", default)
         text = (
-            f"presses within 5 N of the desired {desired:.1f} N for {100 * calm:.0f} % of "
+            f"presses within 5 N of the desired {desired:.1f} N for {100 * calm:.1f} % of "
             f"the time in contact{' without disturbances' * is_pushed} (90 % from "
             f"{value('normal_force_p05_n'):.1f} to {value('normal_force_p95_n'):.1f} N)"
         )
@@ -215,7 +215,7 @@ def _judged(trial: Trial, duration: float) -> Iterator[Fault]:
         yield Fault("press", 1 + LEAST_PRESSED - calm, text)
     if not is_pushed and desired > 0:
         contact = value("desired_contact_fraction", 1.0)
-        text = f"is in contact for {100 * contact:.0f} % of the desired time"
+        text = f"is in contact for {100 * contact:.1f} % of the desired time"
         if fraction > 0:
             yield Fault("press", 1 + LEAST_CONTACT - contact, text)
     force = value("normal_force_max_n")

@@ -46,6 +46,8 @@ _FORCE_VARIANCE = 1e6
 _BLENDS = 5.0
 # Rounding error of a time, as a fraction of a tick.
 _ROUNDING = 1e-6
+# Samples at the end of a window whose velocity amplifies noise.
+_NOISY = 3
 # Largest factor on the distance of a sample from the mean, or, with a phase model, from
 # the cycle. Chosen on the bundled wiping: with 3, an eraser that follows exactly also
 # cleans polishing and the 8 sooner than with 1.5 or 2; 4 and 6 are no better.
@@ -115,8 +117,11 @@ class Player:
     remap_ticks : int, optional
         Ticks between two re-mappings, at most T - K as in the paper. With a phase
         model, a re-mapping takes place before its windows blend into their beginnings.
-        The greatest possible number where None. Much smaller numbers change the movement
-        of a mixture, which may grow, or come to rest.
+        The greatest possible number where None, but 3 fewer with a mixture whose model and
+        number of components were not asked for: its velocity at the end of a window
+        amplifies noise of the recordings, so that 1 mm leads up to 40 mm off the movement.
+        Much smaller numbers change the movement of a mixture, which may grow, or come to
+        rest.
 
     Examples
     --------
@@ -164,13 +169,15 @@ class Player:
         self.blend_time = float(blend_time)
         self.tick_seconds = 1 / skill.rate
         most_ticks = skill.n_steps - skill.overlap
+        is_free = skill.model == skill.n_components == "automatic"
+        default = max(1, most_ticks - _NOISY * is_free)
         # The windows of a mixture may be far shorter than a cycle of its movement.
         self._longest_blend = self.blend_time
         if skill.phase_model_ is not None:
-            most_ticks = max(1, most_ticks - closing_samples(skill.n_steps))
+            default = most_ticks = max(1, most_ticks - closing_samples(skill.n_steps))
             longest = min(most_ticks * self.tick_seconds, skill.period_)
             self._longest_blend = longest / _BLENDS
-        ticks = most_ticks if remap_ticks is None else remap_ticks
+        ticks = default if remap_ticks is None else remap_ticks
         check_number(ticks, "remap_ticks", least=1, most=most_ticks, whole=True)
         self.ticks_between_remaps = int(ticks)
         if target is not None:

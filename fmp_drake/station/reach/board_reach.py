@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex
@@ -211,10 +212,21 @@ class BoardReach:
         """
         return SolveStartPosture(self._scenario, self._model, self._scenario.start)
 
-    def near_postures(self, X_WB: list[RigidTransform]) -> Array:
-        """Return postures near the preferred one for the start on each board, (boards, n)."""
+    def near_postures(
+        self, X_WB: list[RigidTransform], position: ArrayLike | None = None
+    ) -> Array:
+        """Return postures near the preferred one at a position on each board, (boards, n).
+
+        Parameters
+        ----------
+        X_WB : list of RigidTransform
+        position : array_like, shape (3,), optional
+            p_BE, m; the start where None.
+        """
         preferred = np.tile(self._scenario.preferred_posture(), (len(X_WB), 1))
-        path = np.tile(self._scenario.start, (1, 2, 1))
+        path = np.tile(
+            self._scenario.start if position is None else position, (1, 2, 1)
+        )
         motion = self.follow(X_WB, path, moved=-self.rail, step=1.0, postures=preferred)
         return motion.q[:, -1]
 

@@ -224,7 +224,8 @@ class _Check:
             posture = reach.start_posture()
         except StationError:
             self._faults.append("the start is out of reach")
-            posture = reach.near_postures(X_WB[:1])[0]
+            middle = [0.0, 0.0, scenario.start[2]]
+            posture = reach.near_postures(X_WB[:1], middle)[0]
         postures = np.tile(posture, (len(X_WB), 1))
         motion = reach.follow(
             X_WB,

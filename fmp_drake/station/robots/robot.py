@@ -21,7 +21,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JointActuator, ModelInstanceIndex
+from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex
 
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array
@@ -311,7 +311,21 @@ def _CheckModel(
                 f"{', '.join(sorted(names))}."
             )
     joints = [plant.get_joint(i) for i in plant.GetJointIndices(arm)]
-    joints = [joint for joint in joints if joint.num_positions()]
+    parents = {j.child_body().index(): j.parent_body().index() for j in joints}
+    if plant.world_body().index() in parents.values():
+        raise StationError(
+            f"{model} is joined to the world; remove this joint, because {config.base} is "
+            "placed by base_pose."
+        )
+
+    def depth(joint: Joint) -> int:
+        body, count = joint.child_body().index(), 0
+        while body in parents:
+            body, count = parents[body], count + 1
+        return count
+
+    # From the base to the flange, as in a plant, wherever they are in the file.
+    joints = sorted((j for j in joints if j.num_positions()), key=depth)
     if other := [j.name() for j in joints if j.type_name() != "revolute"]:
         raise StationError(
             f"{', '.join(other)} of {model} cannot be played: an arm has revolute joints "
@@ -409,7 +423,14 @@ def MakeRobotModel(
     if scene_graph is not None:
         plant.RegisterAsSourceForSceneGraph(scene_graph)
     robot = AddRobot(plant, config, tool)
-    plant.Finalize()
+    with in_one_line(f"{Path(config.model).name} with its tool cannot be simulated"):
+        plant.Finalize()
+    if plant.num_positions() != len(config.posture):
+        floating = [plant.get_body(i).name() for i in plant.GetFloatingBaseBodies()]
+        raise StationError(
+            f"{', '.join(floating)} is joined neither to {config.base} nor to the tool's "
+            "frame mount; join it by a fixed joint."
+        )
     return robot
 
 
