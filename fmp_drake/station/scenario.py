@@ -181,17 +181,24 @@ class Scenario:
                 f"plant.time_step is {step:g} s; expected 0, or at least "
                 f"{_SHORTEST_STEP:g} s."
             )
-        n = len(LoadRobot(self.robot).posture)
+        robot = LoadRobot(self.robot)
+        n = len(robot.posture)
         if len(self.posture) not in (0, n):
             return f"posture is {self.posture}; expected {n} numbers."
         for prefix, friction in (
             ("", self.friction),
             ("impedance.friction_compensation.", self.impedance.friction_compensation),
         ):
+            if friction.enabled:
+                friction = friction.completed(robot.friction)
             for name in ("height", "slope", "shift"):
-                if len(values := getattr(friction, name)) not in (0, n):
+                values = getattr(friction, name)
+                if len(values) != n and (values or friction.enabled):
                     field_name = f"{prefix or 'friction.'}{name}"
-                    return f"{field_name} is {values}; expected {n} numbers."
+                    return (
+                        f"{field_name} is {values}; expected {n} numbers. The robot has "
+                        f"{'none' if not robot.friction.height else 'its own'}."
+                    )
         return ""
 
     def preferred_posture(self) -> list[float]:

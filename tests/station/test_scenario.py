@@ -202,6 +202,14 @@ def test_missing_file_is_named(tmp_path):
             ["impedance.friction_compensation.height is [1.0]", "expected 7 numbers"],
         ),
         (
+            "robot: ur5e\nfriction: {enabled: true}",
+            ["friction.height is []", "expected 6 numbers. The robot has none"],
+        ),
+        (
+            "impedance: {orientation: [180, 0, 0]}",
+            ["impedance.orientation[0] is 180", "not degrees"],
+        ),
+        (
             "simulator: {integration_scheme: foo}",
             ["simulator.integration_scheme is foo", "runge_kutta3"],
         ),

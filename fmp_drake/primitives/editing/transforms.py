@@ -76,8 +76,8 @@ def transform_space(
     Every sample p of the named channels becomes scale * R p + t. The distribution over
     trajectories is transformed exactly: means, factors and white noise. A playback from a
     transformed start is the transformed playback; samples need the same `margin` for it,
-    as the automatic one follows the extent, which a rotation enlarges. Predictions from few cycles use each
-    channel's own past: of a rotated skill they differ by millimetres.
+    as the automatic one follows the extent, which a rotation enlarges. Predictions from
+    few cycles use each channel's own past: of a rotated skill they differ by millimetres.
 
     A rotation is an orthogonal map of the scaled values. It keeps the noise of the
     mixture isotropic where it mixes channels of equal scale. A change of size changes

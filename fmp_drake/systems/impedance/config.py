@@ -87,7 +87,9 @@ class ImpedanceConfig:
     rotational_stiffness: list[float] = bounded(
         [30.0, 30.0, 3.0], above=0, hint=_FREE_DIRECTION
     )
-    orientation: list[float] = bounded([math.pi, 0.0, 0.0])
+    orientation: list[float] = bounded(
+        [math.pi, 0.0, 0.0], least=-6.3, most=6.3, hint="in rad, not degrees"
+    )
     damping_ratio: float = bounded(1.0, above=0)
     posture_frequency: float = bounded(5.0, least=0)
     posture_damping_ratio: float = bounded(1.0, least=0)
