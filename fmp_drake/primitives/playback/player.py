@@ -119,7 +119,7 @@ class Player:
         model, a re-mapping takes place before its windows blend into their beginnings.
         The greatest possible number where None, but 3 fewer with a mixture whose model and
         number of components were not asked for: its velocity at the end of a window
-        amplifies noise of the recordings, so that 1 mm leads up to 40 mm off the movement.
+        amplifies noise of the recordings: 1 mm led samples up to 50 mm off the movement.
         Much smaller numbers change the movement of a mixture, which may grow, or come to
         rest.
 
