@@ -56,7 +56,7 @@ class PlaybackState:
     >>> player = Player(skill)
     >>> state = player.advance(player.start([0.0, 0.0]), 3.27)
     >>> state.step, state.remaps, round(state.time_since_tick, 6)
-    (15, 1, 0.07)
+    (18, 1, 0.07)
     """
 
     weights: Array
