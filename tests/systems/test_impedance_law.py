@@ -386,7 +386,10 @@ def test_yaml_overrides_single_values():
             r"rotational_stiffness\[1\] .* positive \(use a small number for a free",
         ),
         ({"orientation": [0.0] * 4}, "orientation is .*; expected 3"),
-        ({"orientation": [math.inf, 0.0, 0.0]}, r"orientation\[0\] is inf; .* not degrees"),
+        (
+            {"orientation": [math.inf, 0.0, 0.0]},
+            r"orientation\[0\] is inf; .* not degrees",
+        ),
         ({"damping_ratio": -1.0}, "damping_ratio is -1.0; it must be positive"),
         ({"damping_ratio": math.nan}, "damping_ratio is nan; it must be positive"),
         (
