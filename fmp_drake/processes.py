@@ -195,7 +195,7 @@ class ClusterWorkers:
     Raises
     ------
     ExperimentError
-        Where Dask is not installed, or the address is none.
+        Where Dask is not installed, or the address is not HOST:PORT.
     """
 
     renewed_after: int | None = None
@@ -210,7 +210,7 @@ class ClusterWorkers:
             ) from None
         if not re.fullmatch(r"((tcp|tls|ws|wss|ucx)://)?[^/]+:\d+", address):
             raise ExperimentError(
-                f"{address!r} is no address of a cluster; give HOST:PORT, such as "
+                f"{address!r} is not the address of a cluster; give HOST:PORT, such as "
                 "tcp://127.0.0.1:8786."
             )
         self._connect: Any = Client

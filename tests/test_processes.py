@@ -140,7 +140,7 @@ def test_processes_end_when_their_driver_is_killed(tmp_path):
 def test_address_that_is_none_is_refused(address):
     pytest.importorskip("distributed", reason="needs the extra cluster")
     with pytest.raises(
-        ExperimentError, match="is no address of a cluster; give HOST:PORT"
+        ExperimentError, match="is not the address of a cluster; give HOST:PORT"
     ):
         ClusterWorkers(address)
 

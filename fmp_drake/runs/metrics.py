@@ -157,7 +157,9 @@ class ForceMetrics:
         self._sum += float(np.sum(force))
         is_near = error <= FORCE_TOLERANCE
         self._near += int(np.sum(is_near))
-        counts = ~self._is_disturbed(times[touching])
+        counts = np.ones(len(error), dtype=bool)
+        for each in self._disturbances:
+            counts &= ~each.is_active(times[touching], after=RECOVERY)
         self._undisturbed += int(np.sum(counts))
         self._undisturbed_near += int(np.sum(is_near & counts))
         self._precise += int(np.sum(error <= PRECISE_FORCE * desired))
@@ -167,7 +169,9 @@ class ForceMetrics:
     def result(self) -> Metrics:
         """Return the metrics; all are zero before the first contact."""
         count = int(np.sum(self._counts))
-        error = {}
+        error, undisturbed = {}, None
+        if self._undisturbed:
+            undisturbed = self._undisturbed_near / self._undisturbed
         if self._error.count:
             error["normal_force_error_rms_n"] = self._error.rms()
         return {
@@ -177,23 +181,10 @@ class ForceMetrics:
             "normal_force_p95_n": self._percentile(0.95) if count else 0.0,
             "normal_force_max_n": self._largest,
             "normal_force_wanted_fraction": self._near / max(1, count),
-            "normal_force_undisturbed_fraction": self._undisturbed_near
-            / self._undisturbed
-            if self._undisturbed
-            else None,
+            "normal_force_undisturbed_fraction": undisturbed,
             "normal_force_precise_fraction": self._precise / max(1, count),
             "contact_fraction": count / max(1, self._samples),
         }
-
-    def _is_disturbed(self, times: Array) -> Mask:
-        is_disturbed = np.zeros(len(times), dtype=bool)
-        for each in self._disturbances:
-            since = times - each.start
-            has_begun = since >= 0
-            if each.every > 0:
-                since %= each.every
-            is_disturbed |= has_begun & (since < each.duration + RECOVERY)
-        return is_disturbed
 
     def _percentile(self, fraction: float) -> float:
         """Return a percentile of the forces in contact, interpolated within its bin."""

@@ -430,8 +430,8 @@ def place_on_board(
     units = set(demonstration.select(POSITION_CHANNELS).units)
     if units != {"m"}:
         raise DemonstrationError(
-            f"x, y and z are in {' and '.join(sorted(units))}, which is no known unit of "
-            "length; convert them to metres."
+            f"x, y and z are in {' and '.join(sorted(units))}, which is not a known "
+            "unit of length; convert them to metres."
         )
     part = (rhythm.get("start_time"), rhythm.get("end_time"))
     check_width(*cut_demonstrations([demonstration], *part, DEFAULT_RATE))

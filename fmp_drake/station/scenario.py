@@ -186,7 +186,7 @@ class Scenario:
         if len(self.posture) not in (0, n):
             return f"posture is {self.posture}; expected {n} numbers."
         for prefix, friction in (
-            ("", self.friction),
+            ("friction.", self.friction),
             ("impedance.friction_compensation.", self.impedance.friction_compensation),
         ):
             if friction.enabled:
@@ -194,9 +194,8 @@ class Scenario:
             for name in ("height", "slope", "shift"):
                 values = getattr(friction, name)
                 if len(values) != n and (values or friction.enabled):
-                    field_name = f"{prefix or 'friction.'}{name}"
                     return (
-                        f"{field_name} is {values}; expected {n} numbers. The robot has "
+                        f"{prefix}{name} is {values}; expected {n} numbers. The robot has "
                         f"{'none' if not robot.friction.height else 'its own'}."
                     )
         return ""

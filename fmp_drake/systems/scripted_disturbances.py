@@ -79,12 +79,21 @@ class Disturbance:
             )
         return ""
 
-    def is_active(self, time: float) -> bool:
-        """Return whether the disturbance is active at a time, s."""
+    def is_active(self, time: float | Array, *, after: float = 0.0) -> Any:
+        """Return whether the disturbance is active, or was at most some time before.
+
+        Parameters
+        ----------
+        time : float or array
+            s.
+        after : float
+            Time after its end that counts as well, s.
+        """
         since = time - self.start
-        if self.every > 0 and since >= 0:
-            since %= self.every
-        return 0 <= since < self.duration
+        has_begun = since >= 0
+        if self.every > 0:
+            since = since % self.every
+        return has_begun & (since < self.duration + after)
 
     def pull(self, displacement: Array, v: Array) -> Array:
         """Return the force of a grasp, N.

@@ -240,7 +240,7 @@ def test_width_of_an_arms_path_or_of_a_point_is_accepted(width):
 def test_positions_in_an_unknown_unit_are_refused():
     path = replace(demonstration(strokes()), units=("yd",) * 3)
     with pytest.raises(
-        DemonstrationError, match="x, y and z are in yd, which is no known"
+        DemonstrationError, match="x, y and z are in yd, which is not a known"
     ):
         place_on_board(path, scenario=Scenario())
 

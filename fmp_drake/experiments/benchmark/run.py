@@ -90,7 +90,7 @@ def all_methods() -> dict[str, type[Method]]:
     Raises
     ------
     ExperimentError
-        If a package's method is none, or has the name of another one.
+        If a package's entry point is not a method, or has the name of another one.
     """
     methods: dict[str, type[Method]] = {}
     for method in (*METHODS, *further_methods()):

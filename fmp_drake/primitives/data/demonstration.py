@@ -450,7 +450,8 @@ def read_demonstrations(
             )
         names = [c for c in recording.channels if c not in QUATERNION_CHANNELS]
         demonstrations[i] = recording.select(names)
-    for first in [d for d in demonstrations if d.rotation_reference][:1]:
+    first = next((d for d in demonstrations if d.rotation_reference), None)
+    if first is not None:
         demonstrations = [with_reference(d, first) for d in demonstrations]
     return demonstrations, remarks
 

@@ -380,11 +380,9 @@ def _correction(
     out = flexibility * (rows.T @ solution[:size])
     out[0] = solution[size]
     largest = np.max(np.abs(errors))
-    swing = np.max(
-        np.abs(np.cos(np.pi * np.linspace(0, 1, 4 * len(k))[:, None] * k) @ out)
-    )
+    curve = np.cos(np.pi * np.linspace(0, 1, 4 * len(k))[:, None] * k) @ out
     is_met = np.max(np.abs(rows @ out - errors)) < 1e-6 * (1 + largest)
-    if not is_met or swing > _MOST_SWING * largest:
+    if not is_met or np.max(np.abs(curve)) > _MOST_SWING * largest:
         raise SkillError(
             "two via-points of a channel are at the same phase or too near to each "
             "other; move them apart."

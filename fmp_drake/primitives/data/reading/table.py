@@ -26,8 +26,7 @@ TIMES = {
 }
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 ANGLES = {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180}
-# Symbols of units that headers spell out.
-_SYMBOLS = {
+SYMBOLS = {
     **dict.fromkeys(("meters", "metres", "meter", "metre"), "m"),
     **dict.fromkeys(("centimeters", "centimetres", "centimeter", "centimetre"), "cm"),
     **dict.fromkeys(("millimeters", "millimetres", "millimeter", "millimetre"), "mm"),
@@ -36,6 +35,7 @@ _SYMBOLS = {
     **dict.fromkeys(("radians", "radian"), "rad"),
     **dict.fromkeys(("degrees", "degree"), "deg"),
 }
+"""Symbols of units of length and angle that headers spell out."""
 # `fx_ft` is of a force-torque sensor.
 _SUFFIXES = "|".join(
     sorted({*TIMES, *LENGTHS, *ANGLES} - {"ft"}, key=len, reverse=True)
@@ -159,7 +159,7 @@ def unit_symbol(unit: str) -> str:
     """Return the symbol of a unit that is spelled out, such as `Millimeters`."""
     lower = unit.strip().lower()
     known = {*TIMES, *LENGTHS, *ANGLES}
-    return _SYMBOLS.get(lower, lower if lower in known else unit.strip())
+    return SYMBOLS.get(lower, lower if lower in known else unit.strip())
 
 
 def suffixed_unit(name: str) -> tuple[str, str]:

@@ -17,6 +17,7 @@ from fmp_drake.errors import SkillFileError
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
+    SYMBOLS,
     ReadingOptions,
     Table,
     check_size,
@@ -47,7 +48,7 @@ _MOST_DELETED = 20
 _LONGEST_PREAMBLE = 200
 _UNIT = re.compile(
     r"[\[(]?(|[numkcd]?s|[munc]?m|in|ft|m?rad|deg|°|N|N/?m|-|m/s|rad/s"
-    r"|(?i:sec(onds)?|((milli|centi)?met(er|re)|inche?|radian|degree)s?|feet))[\])]?"
+    rf"|(?i:sec|seconds|{'|'.join(SYMBOLS)}))[\])]?"
 )
 # Names of columns of numbers that identify a sensor, and the greatest number of sensors.
 SOURCE_NAME = re.compile(
