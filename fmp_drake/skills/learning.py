@@ -145,14 +145,23 @@ def shared_skill(
         source = default_demonstration(config.demonstration)
         place = (scenario.robot, *scenario.board.size, *scenario.eraser.footprint)
         recordings = _PLACED.get(
-            (source, *place),
+            (source, _changed(source), *place),
             lambda: load_on_board(
                 [source], scenario=scenario, transform=None, stretch=1.0
             )[0],
         )
     content = [(d.channels, d.time.tobytes(), d.values.tobytes()) for d in recordings]
     settings = (config.file, config.window, config.n_components, config.model)
-    return _LEARNED.get((*settings, *content), lambda: scenario_skill(scenario)[:2])
+    changed = _changed(Path(config.file)) if config.file else 0
+    skill, recordings = _LEARNED.get(
+        (*settings, changed, *content), lambda: scenario_skill(scenario)[:2]
+    )
+    return skill, [*recordings]
+
+
+def _changed(path: Path) -> int:
+    """Return the time of the last change of a file, ns; 0 where there is none."""
+    return path.stat().st_mtime_ns if path.exists() else 0
 
 
 def learn_skill(

@@ -414,18 +414,18 @@ def place_on_board(
                 flat,
                 values=np.pad(flat.values, ((0, 0), (0, 1))),
                 channels=POSITION_CHANNELS,
-                units=("m",) * 3,
+                units=(*flat.units, flat.units[0]),
             )
             remarks.append("x and y without z are a drawing on the board")
         elif needs_board or f"; {SEVERAL} " in f"; {demonstration.note}":
             raise DemonstrationError(_missing_position(demonstration, scenario.robot))
         else:
             return demonstration, ["as recorded: without x, y and z there is no board"]
-    elif len(names) > 3:
+    else:
         played = _played_channels(demonstration, is_placed=transform is None)
+        demonstration = demonstration.select(played)
         others = ", ".join(name for name in names if name not in played)
         if others:
-            demonstration = demonstration.select(played)
             remarks.append(f"{others} left out: the board needs {_listed(played)}")
     units = set(demonstration.select(POSITION_CHANNELS).units)
     if units != {"m"}:

@@ -96,6 +96,18 @@ def test_errors_of_replay_are_as_large_as_they_are_said_to_be(coefficient, count
     assert 0.7 < np.mean(squares) < 1.3
 
 
+@pytest.mark.parametrize("seen", [2, 3, 8])
+def test_replay_continues_the_velocity_of_an_offset(seen):
+    path = curve(2 * np.pi * np.arange(6 * PERIOD) / PERIOD)
+    replay = Replay([path], seen, HORIZON)
+    first = 2 * PERIOD
+    past = path[first : first + seen]
+    drift = 1e-5 * np.arange(1 - seen, 1)[:, None]
+    change = replay.predict(past + drift).values[0] - replay.predict(past).values[0]
+    # By a step, less the decay.
+    assert_allclose(change, 0.8e-5, rtol=0.1)
+
+
 def test_what_repeats_exactly_has_small_errors_and_smaller_ones_the_longer_it_lasts():
     relative = []
     for cycles in (1.2, 4, 8, 16):

@@ -189,6 +189,60 @@ def test_a_gap_is_refused_with_its_place():
     assert parts[1].time[0] == 7.25
 
 
+def circle(time):
+    """Return positions on a circle of 0.1 m, shape (N, 2)."""
+    return 0.1 * np.column_stack([np.cos(3 * time), np.sin(3 * time)])
+
+
+def resampling_error(time, noise=0.0, seed=0):
+    """Return the greatest error of a resampled circle, m."""
+    errors = np.random.default_rng(seed).normal(size=(len(time), 2))
+    values = circle(time) + noise * errors
+    resampled = Demonstration(time=time, values=values).resample(20)
+    return np.abs(resampled.values - circle(resampled.time)).max()
+
+
+@pytest.mark.parametrize(
+    ("rate", "allowed"), [(25, 5e-3), (50, 2e-3), (100, 1e-3), (200, 2e-4)]
+)
+def test_a_late_time_stamp_hardly_moves_the_path(rate, allowed):
+    time = np.arange(0, 40, 1 / rate)
+    late = np.arange(2 * rate, len(time) - 2, 5 * rate)
+    time[late] = time[late + 1] - 1e-4
+    assert resampling_error(time) < allowed
+
+
+def test_samples_that_arrive_in_bursts_are_resampled():
+    samples = np.arange(2000)
+    time = samples // 5 * 0.05 + samples % 5 * 1e-6
+    # They arrive up to 40 ms late.
+    values = circle(samples * 0.01)
+    resampled = Demonstration(time=time, values=values).resample(20)
+    expected = circle(resampled.time + 0.02)
+    assert_allclose(resampled.values[2:-2], expected[2:-2], atol=2e-4)
+
+
+@pytest.mark.parametrize("rate", [100, 240, 1000])
+def test_noise_is_not_amplified_where_a_gap_is_bridged(rate):
+    time = np.arange(0, 20, 1 / rate)
+    time = time[(time < 7) | (time > 7.2)]
+    assert resampling_error(time) < 2e-4
+    errors = [resampling_error(time, noise=3e-4, seed=seed) for seed in range(9)]
+    assert np.median(errors) < 2.2e-3
+
+
+def test_a_fragment_between_gaps_does_not_hide_the_rest():
+    time = np.arange(0, 40, 0.01)
+    inside = (time > 20) & (time < 21.3)
+    time = time[~inside | ((time > 20.6) & (time < 20.7))]
+    recording = Demonstration(time=time, values=circle(time))
+    parts = recording.split_at_gaps(20)
+    assert [round(part.duration) for part in parts] == [20, 19]
+    assert len(parts[0].resample(20).time) == 401
+    # At a rate at which the fragment has 4 samples it is a part.
+    assert len(recording.split_at_gaps(100)) == 3
+
+
 @pytest.mark.parametrize("rate", [0.0, -20.0, np.nan, np.inf])
 def test_rate_that_is_not_positive_is_refused(rate):
     with pytest.raises(DemonstrationError, match="rate is"):

@@ -2,6 +2,7 @@
 
 import pickle
 import re
+from dataclasses import replace
 
 import dense_paper
 import numpy as np
@@ -352,6 +353,22 @@ def test_arrays_are_recordings_at_the_rate_of_the_skill(polishing_demonstration)
         assert np.array_equal(skill.components_[0].mean, expected.components_[0].mean)
         assert skill.paths_
     assert whole.score(y) == whole.score(Demonstration(time=time, values=y))
+
+
+def test_a_demonstration_is_scored_by_its_channels_and_not_by_their_order(
+    polishing_demonstration,
+):
+    skill = tiny().fit(polishing_demonstration)
+    backwards = polishing_demonstration.select(polishing_demonstration.channels[::-1])
+    expected = skill.score_samples(polishing_demonstration)
+    assert np.array_equal(skill.score_samples(backwards), expected)
+    assert np.array_equal(skill.score_samples([backwards]), expected)
+    for wrong, match in (
+        ({"units": ("mm",) * len(skill.channels_)}, "units mm, mm.*the skill has m, m"),
+        ({"channels": tuple("abc"[: len(skill.channels_)])}, "channels a, b"),
+    ):
+        with pytest.raises(DemonstrationError, match=match):
+            skill.score(replace(polishing_demonstration, **wrong))
 
 
 def test_error_of_a_short_demonstration_states_the_least_length():

@@ -375,6 +375,18 @@ def test_demonstrations_of_different_references_are_learned_with_the_first(skill
         skill().fit([first, replace(other, rotation_reference=None)])
 
 
+def test_a_recording_of_another_reference_is_scored_alike(posed_skill):
+    first, other = (
+        add_orientation(*swaying(40.0), reference=reference)
+        for reference in (None, about([1, 0, 0], 0.4))
+    )
+    assert first.rotation_reference != other.rotation_reference
+    expected = posed_skill.score(first)
+    assert posed_skill.score(other) == pytest.approx(expected, abs=1e-3)
+    with pytest.raises(DemonstrationError, match="rotation reference none"):
+        posed_skill.score(replace(other, rotation_reference=None))
+
+
 def test_skill_file_keeps_the_reference(tmp_path, posed_skill):
     save_skill(posed_skill, tmp_path / "s.npz")
     loaded = load_skill(tmp_path / "s.npz")

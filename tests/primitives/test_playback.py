@@ -153,9 +153,34 @@ def test_remapping_changes_neither_position_nor_velocity(player):
     after = player.remap(state)
     assert_allclose(player.motion(after)[:2], player.motion(state)[:2], atol=1e-12)
     assert after.step == player.skill.overlap - 1
-    assert after.time_since_tick == 0
+    assert after.time_since_tick == state.time_since_tick
     assert after.remaps == state.remaps + 1
     assert np.array_equal(after.history, state.history)
+
+
+@pytest.mark.parametrize("options", [{}, {"sample": True, "seed": 3}])
+def test_remapping_between_two_ticks_does_not_stop_the_movement(small_skill, options):
+    player = Player(small_skill, **options)
+    state, path = player.start(player.skill.extent_.mean(axis=0)), []
+    for _ in range(400):
+        state = player.remap(player.advance(state, 0.48 * player.tick_seconds))
+        path.append(player.motion(state)[0])
+    moved, demonstrated = (
+        np.ptp(path[200:], axis=0),
+        np.ptp(player.skill.extent_, axis=0),
+    )
+    assert np.all(moved > 0.4 * demonstrated)
+    assert np.all(moved < 1.5 * demonstrated)
+
+
+def test_a_target_is_not_shared_with_its_owner(small_skill):
+    target = small_skill.components_[0].mean.copy()
+    expected = target.copy()
+    player = Player(small_skill, target=target)
+    state = player.start(small_skill.extent_.mean(axis=0))
+    target[:] = 0
+    assert_allclose(state.target, expected)
+    assert_allclose(player.start(small_skill.extent_[1]).target, expected)
 
 
 @pytest.mark.parametrize(("tempo", "tempo_rate"), [(1.0, 0.0), (0.6, 0.5)])

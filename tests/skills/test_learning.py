@@ -1,9 +1,11 @@
 """Facts about the skills that the commands read."""
 
+import os
 import re
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from fmp_drake.primitives import (
     Demonstration,
@@ -54,10 +56,31 @@ def test_a_shared_skill_is_learned_once_for_each_robot(tmp_path):
         scenario = Scenario(robot=robot)
         scenario.skill.demonstration = str(tmp_path / "joints.npz")
         learned_values.append(shared_skill(scenario))
-    assert learned_values[0] is learned_values[2]
+    assert learned_values[0][0] is learned_values[2][0]
     assert (
         np.ptp(learned_values[0][1][0].values - learned_values[1][1][0].values) > 1e-3
     )
+
+
+def test_a_changed_file_is_learned_and_loaded_again(tmp_path):
+    scenario, extents = Scenario(), []
+    recording, file = tmp_path / "circle.npz", tmp_path / "skill.npz"
+    for size in (0.05, 0.1):
+        path = size * np.column_stack([np.cos(5 * TIME), np.sin(5 * TIME), 0 * TIME])
+        shown = Demonstration(time=TIME, values=path, frame="board")
+        shown.save(recording)
+        save_skill(FourierMovementPrimitive().fit(shown), file)
+        os.utime(recording, ns=(0, round(1e9 * size)))
+        os.utime(file, ns=(0, round(1e9 * size)))
+        scenario.skill.demonstration, scenario.skill.file = str(recording), ""
+        skill, demonstrations = shared_skill(scenario)
+        extents.append(skill.extent_[1, 0])
+        # A caller's list is not the one that others get.
+        demonstrations.clear()
+        assert len(shared_skill(scenario)[1]) == 1
+        scenario.skill.file = str(file)
+        extents.append(shared_skill(scenario)[0].extent_[1, 0])
+    assert_allclose(extents, [0.05, 0.05, 0.1, 0.1], atol=2e-3)
 
 
 def test_a_demonstration_on_the_board_is_learned_once_for_all_boards_and_robots():

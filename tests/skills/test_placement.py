@@ -245,6 +245,24 @@ def test_positions_in_an_unknown_unit_are_refused():
         place_on_board(path, scenario=Scenario())
 
 
+def test_a_drawing_in_an_unknown_unit_is_refused():
+    path = demonstration(strokes()).select(["x", "y"])
+    with pytest.raises(DemonstrationError, match="are in px, which is not a known"):
+        place_on_board(replace(path, units=("px", "px")), scenario=Scenario())
+
+
+@pytest.mark.parametrize("transform", [None, [0.1, 0.2, 0.0, 0.0, 0.0, 0.3]])
+@pytest.mark.parametrize("frame", ["", "board"])
+def test_the_order_of_the_channels_does_not_matter(transform, frame):
+    path = replace(demonstration(strokes()), frame=frame)
+    expected, _ = place_on_board(path, scenario=Scenario(), transform=transform)
+    placed, _ = place_on_board(
+        path.select(["y", "z", "x"]), scenario=Scenario(), transform=transform
+    )
+    assert placed.channels == ("x", "y", "z")
+    assert_allclose(placed.values, expected.values, atol=1e-12)
+
+
 def test_real_demonstrations_fit_the_board(real_demonstration_paths):
     for name, path in real_demonstration_paths.items():
         recorded_demonstration = Demonstration.load(path)

@@ -37,6 +37,8 @@ from fmp_drake.primitives.data.reading.table import LONGEST_GAP, ReadingOptions,
 
 _LEAST_SAMPLES = 4
 _UNIFORM = 1e-3
+# Ratio of the step at a gap to the median step.
+_GAP = 2.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -166,8 +168,10 @@ class Demonstration:
     def resample(self, rate: float) -> "Demonstration":
         """Return the demonstration at another, uniform sample rate.
 
-        It begins at the same time and is interpolated by a cubic spline. A recording at more than twice the new rate
-        is low-pass filtered first (zero phase, at 0.4 of the new rate).
+        It begins at the same time and is interpolated by a cubic spline. A recording at more
+        than twice the new rate is low-pass filtered first (zero phase, at 0.4 of the new
+        rate). Samples in bursts, and those of a fast recording with gaps, are averaged
+        before: a spline would amplify their noise.
 
         Parameters
         ----------
@@ -191,14 +195,14 @@ class Demonstration:
                 f"{self.time[widest]:.3g} s; the longest that can be interpolated is "
                 f"{allowed:g} s. Use its parts: demonstration.split_at_gaps({rate:g})."
             )
-        recorded_rate = 1 / float(np.median(steps))
         count = int(np.floor(self.duration * rate * (1 + 1e-9))) + 1
         if count < 2:
             raise DemonstrationError(
                 f"the demonstration lasts {self.duration:.3g} s; at {rate:g} Hz that "
                 "is fewer than 2 samples."
             )
-        time, values = self.time, self.values
+        time, values = _without_bursts(self.time, self.values, rate)
+        recorded_rate = 1 / float(np.median(np.diff(time)))
         if recorded_rate > 2 * rate:
             uniform = np.arange(time[0], time[-1], 1 / recorded_rate)
             values = CubicSpline(time, values)(uniform)
@@ -214,7 +218,7 @@ class Demonstration:
     def split_at_gaps(self, rate: float) -> list["Demonstration"]:
         """Return the parts between gaps that are too long to interpolate.
 
-        Parts of fewer than 4 samples are left out. Skills are learned from such parts.
+        Parts of fewer than 4 samples, also at the rate, are left out. Skills are learned from such parts.
 
         Parameters
         ----------
@@ -233,7 +237,13 @@ class Demonstration:
         if len(ends) == 0:
             return [self]
         parts = np.split(np.arange(len(self.time)), ends)
-        return [self.rows(part) for part in parts if len(part) >= _LEAST_SAMPLES]
+        shortest = (_LEAST_SAMPLES - 1) / rate * (1 - _UNIFORM)
+        return [
+            self.rows(part)
+            for part in parts
+            if len(part) >= _LEAST_SAMPLES
+            and self.time[part[-1]] - self.time[part[0]] >= shortest
+        ]
 
     def rows(self, index: ArrayLike) -> "Demonstration":
         """Return the demonstration with only the samples of indices or of a mask (N,)."""
@@ -310,6 +320,29 @@ class Demonstration:
         return demonstrations[0]
 
 
+def _without_bursts(time: Array, values: Array, rate: float) -> tuple[Array, Array]:
+    """Return samples of which none are closer than half their mean distance in time.
+
+    Where there are gaps, they are at least a quarter of a sample at the new rate apart.
+    Closer ones are averaged.
+    """
+    steps = np.diff(time)
+    least = 0.5 * float(np.mean(steps))
+    if np.max(steps) > _GAP * np.median(steps):
+        least = max(least, 0.25 / rate)
+    least *= 1 - 1e-6  # Rounding of time stamps.
+    if np.min(steps) >= least:
+        return time, values
+    first = [0]
+    while (i := int(np.searchsorted(time, time[first[-1]] + least))) < len(time):
+        first.append(i)
+    counts = np.diff(first, append=len(time))
+    averaged = np.add.reduceat(values, first) / counts[:, None]
+    # Relative to the start, as time stamps may be large.
+    times = np.add.reduceat(time - time[0], first) / counts
+    return time[0] + times, averaged
+
+
 def check_ending(path: Path, *, has_rotation: bool = False) -> None:
     """Raise an error for a file name that `Demonstration.save` does not support."""
     if path.suffix not in (".npz", ".csv"):
@@ -377,15 +410,35 @@ def with_reference(demonstration: Demonstration, other: Demonstration) -> Demons
 
     It is unchanged where one of them has no rotation channels.
     """
-    known, reference = demonstration.rotation_reference, other.rotation_reference
-    if known is None or reference in (None, known):
+    reference = other.rotation_reference
+    if reference is None:
+        return demonstration
+    near = other.select(ROTATION_CHANNELS).values.mean(axis=0)
+    return change_reference(demonstration, reference, near=near)
+
+
+def change_reference(
+    demonstration: Demonstration, reference: Quaternion, *, near: ArrayLike
+) -> Demonstration:
+    """Return a demonstration whose rotation vectors have another reference.
+
+    It is unchanged where it has no rotation channels.
+
+    Parameters
+    ----------
+    demonstration : Demonstration
+    reference : tuple of float
+        Quaternion (x, y, z, w) of R_ref.
+    near : array_like, shape (3,)
+        The rotation vectors begin as near to this one as possible, rad.
+    """
+    known = demonstration.rotation_reference
+    if known in (None, reference):
         return demonstration
     index = channel_indices(ROTATION_CHANNELS, demonstration.channels)
     values = demonstration.values.copy()
     values[:, index] = rotation_vectors(
-        rotations_of(values[:, index], known),
-        reference,
-        near=other.select(ROTATION_CHANNELS).values.mean(axis=0),
+        rotations_of(values[:, index], known), reference, near=near
     )
     return replace(demonstration, values=values, rotation_reference=reference)
 

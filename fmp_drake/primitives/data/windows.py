@@ -11,7 +11,12 @@ from numpy.typing import ArrayLike
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array, Indices, as_floats, check_number, finite_array
-from fmp_drake.primitives.data.demonstration import Demonstration, with_reference
+from fmp_drake.primitives.data.channels import ROTATION_CHANNELS, channel_indices
+from fmp_drake.primitives.data.demonstration import (
+    Demonstration,
+    change_reference,
+    with_reference,
+)
 
 
 class UnstatedRate(float):
@@ -127,17 +132,47 @@ def _alike(demonstrations: Sequence[Demonstration]) -> list[Demonstration]:
     first = demonstrations[0]
     alike = [with_reference(d, first) for d in demonstrations]
     for number, demonstration in enumerate(alike, 1):
-        for what in ("channels", "units", "rotation_reference"):
-            actual, expected = (
-                ", ".join(map(str, getattr(d, what) or ["none"]))
-                for d in (demonstration, first)
-            )
-            if actual != expected:
-                raise DemonstrationError(
-                    f"demonstration {number} has the {what.replace('_', ' ')} {actual}; "
-                    f"the first has {expected}. They must be the same."
-                )
+        expected = first.channels, first.units, first.rotation_reference
+        _check_same(demonstration, f"demonstration {number}", expected, "first")
     return alike
+
+
+def as_learned(demonstration: Demonstration, skill: Any) -> Demonstration:
+    """Return a demonstration with the channels and the rotation reference of a skill.
+
+    Raises
+    ------
+    DemonstrationError
+        Where it has other channels or units.
+    """
+    if set(demonstration.channels) == set(skill.channels_):
+        demonstration = demonstration.select(skill.channels_)
+    if skill.rotation_reference_ is not None:
+        index = channel_indices(ROTATION_CHANNELS, skill.channels_)
+        near = skill.extent_[:, index].mean(axis=0)
+        demonstration = change_reference(
+            demonstration, skill.rotation_reference_, near=near
+        )
+    expected = skill.channels_, skill.units_, skill.rotation_reference_
+    _check_same(demonstration, "the demonstration", expected, "skill")
+    return demonstration
+
+
+def _check_same(
+    demonstration: Demonstration, name: str, expected: tuple[Any, ...], owner: str
+) -> None:
+    """Raise an error where channels, units or the rotation reference are not as expected."""
+    whats = ("channels", "units", "rotation_reference")
+    for what, wanted in zip(whats, expected, strict=True):
+        actual = getattr(demonstration, what)
+        if actual != wanted:
+            actual, wanted = (
+                ", ".join(map(str, values or ["none"])) for values in (actual, wanted)
+            )
+            raise DemonstrationError(
+                f"{name} has the {what.replace('_', ' ')} {actual}; the {owner} has "
+                f"{wanted}. They must be the same."
+            )
 
 
 def demonstration_list(recordings: Any, call: str) -> list[Demonstration]:

@@ -196,8 +196,11 @@ class LruCache[T]:
     def get(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return the value of a key; make it where it is not in the cache."""
         # A dictionary keeps the order of insertion: the oldest value comes first.
-        value = self._values.pop(key) if key in self._values else make()
+        # Other threads may change it between two lines.
+        value = self._values.pop(key, None)
+        if value is None:
+            value = make()
         self._values[key] = value
-        if len(self._values) > self._count:
-            del self._values[next(iter(self._values))]
+        for oldest in list(self._values)[: -self._count]:
+            self._values.pop(oldest, None)
         return value

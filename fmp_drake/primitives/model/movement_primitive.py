@@ -18,6 +18,7 @@ from fmp_drake.primitives.data.channels import (
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.windows import (
     UNSTATED_RATE,
+    as_learned,
     cut_demonstrations,
     extent_of,
     weighted_windows,
@@ -302,6 +303,23 @@ class FourierMovementPrimitive(TrajectoryMixture):
             # A copy of another tempo has another rate and the same samples.
             self.n_steps_, self.overlap_ = self.n_steps, self.overlap
         return self
+
+    def score_samples(self, X: Any) -> Array:
+        """Return the log density per window; see `TrajectoryMixture`, shape (N,).
+
+        Demonstrations may have the channels in another order, and another rotation
+        reference.
+
+        Raises
+        ------
+        DemonstrationError
+            Where a demonstration has other channels or units than the skill.
+        """
+        self.check_fitted()
+        demonstrations = X if isinstance(X, Sequence) else [X]
+        if all(isinstance(d, Demonstration) for d in demonstrations):
+            X = [as_learned(d, self) for d in demonstrations]
+        return super().score_samples(X)
 
     def _learn_phase(self, tracked: TrackedRhythm, *, are_windows: bool) -> None:
         """Learn the phase model of a rhythm."""

@@ -162,7 +162,8 @@ class Replay:
         offset = past - self._pasts[nearest]
         # Difference over two samples: over one, the noise of a sensor would count
         # double.
-        change = (offset[:, -1] - offset[:, max(-3, -self._seen)]) / 2
+        steps = min(2, self._seen - 1)
+        change = (offset[:, -1] - offset[:, -1 - steps]) / max(steps, 1)
         futures = (
             futures + self._decay * offset[:, -1:] + self._travel * change[:, None]
         )

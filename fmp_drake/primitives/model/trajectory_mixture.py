@@ -84,7 +84,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
             * self.scales_
         )
 
-    def score_samples(self, X: ArrayLike) -> Array:
+    def score_samples(self, X: Any) -> Array:
         """Return the log density of windows (N, T, D), shape (N,).
 
         The real weights are an isometry of the samples, so this is a density over
@@ -110,7 +110,7 @@ class TrajectoryMixture(DensityMixin, BaseEstimator):  # type: ignore[misc]
         stretch = self.n_steps * float(np.sum(np.log(self.scales_)))
         return out - stretch
 
-    def score(self, X: ArrayLike, y: object = None) -> float:  # noqa: ARG002
+    def score(self, X: Any, y: object = None) -> float:  # noqa: ARG002
         """Return the mean log density per sample (time step) of windows."""
         return float(np.mean(self.score_samples(X))) / self.n_steps
 

@@ -183,7 +183,9 @@ class Player:
         if target is not None:
             if sample:
                 raise SkillError("give either a target or sample=True, not both.")
-            target = finite_array(target, "the target", (skill.components_[0].dim,))
+            target = finite_array(
+                target, "the target", (skill.components_[0].dim,)
+            ).copy()
         self._target = target
         tracker = LqrTracker() if tracker is None else tracker
         if not hasattr(tracker, "relaxation"):
@@ -292,7 +294,8 @@ class Player:
         state = replace(
             state,
             step=self.skill.overlap - 1,
-            time_since_tick=0.0,
+            # The newest measured value is of now.
+            time_since_tick=state.time_since_tick if observed is None else 0.0,
             remaps=state.remaps + 1,
         )
         blend_time = min(state.blend_time, self.blend_time_of(state))
