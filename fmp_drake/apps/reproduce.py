@@ -11,6 +11,7 @@ from fmp_drake.apps.page import make_console, make_folder
 from fmp_drake.experiments import FULL, QUICK, Profile, write_report
 from fmp_drake.experiments.report import Section
 from fmp_drake.experiments.reproduction import run_experiments
+from fmp_drake.primitives.data.reading.table import count_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,10 +55,11 @@ def _introduction(profile: Profile) -> str:
     return (
         "Section V of Kulak, Silvério and Calinon, “Fourier movement primitives”, "
         "RSS 2020, rerun on recordings of a simulated arm guided by a modelled hand (the "
-        "paper's own recordings are not public). FMP has the default settings of the "
-        "estimator; the paper's settings are 10 Gaussians, windows 10 samples apart, plain "
-        "EM. "
-        f"{profile.samples} trajectories for each heatmap."
+        "paper's own recordings are not public). FMP is the default model of the estimator; "
+        "in V-B and V-C it is the mixture of the paper with the estimator's defaults, or, "
+        "where that is said, with the paper's settings: 10 Gaussians, windows 10 samples "
+        f"apart, plain EM. {profile.samples} trajectories for each heatmap; held out, "
+        f"{profile.instants} predictions for each of {count_text(profile.places, 'place')}."
     )
 
 

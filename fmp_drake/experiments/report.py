@@ -190,7 +190,7 @@ def markdown_table(rows: Iterable[Sequence[str]]) -> str:
 def _verdicts(sections: Sequence[Section]) -> str:
     return _table(
         (
-            f'<a href="#{finding.name}">{html.escape(finding.title)}</a>',
+            f'<a href="#{html.escape(finding.name)}">{html.escape(finding.title)}</a>',
             _verdict(finding),
         )
         for _, findings in sections
@@ -221,7 +221,7 @@ def _table(rows: Iterable[Iterable[str]], tag: str = "td") -> str:
 
 def _finding(folder: Path, finding: Finding) -> str:
     title = html.escape(finding.title)
-    parts = [f'<h3 id="{finding.name}">{title}</h3>']
+    parts = [f'<h3 id="{html.escape(finding.name)}">{title}</h3>']
     if finding.figure is not None:
         data = base64.b64encode(_picture(folder, finding.name, finding.figure)).decode()
         parts.append(f'<img alt="{title}" src="data:image/png;base64,{data}">')

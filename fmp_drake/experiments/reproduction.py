@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from fmp_drake.experiments.baselines.method import RATE
-from fmp_drake.experiments.benchmark.built_in import ABLATIONS, FMP, MixtureFMP
+from fmp_drake.experiments.benchmark.built_in import ABLATIONS, FMP, METHODS, MixtureFMP
 from fmp_drake.experiments.benchmark.findings import benchmark_findings, mean_values
 from fmp_drake.experiments.benchmark.run import (
     MethodScores,
     Progress,
-    checked_methods,
     run_job,
     score_method,
 )
@@ -141,7 +140,7 @@ def score_demonstrations(
     profile: Profile,
     progress: Progress,
 ) -> dict[str, MethodScores]:
-    """Score all methods except the ablations on demonstrations, as in the benchmark.
+    """Score the built-in methods but ablations on demonstrations, as in the benchmark.
 
     Parameters
     ----------
@@ -156,11 +155,8 @@ def score_demonstrations(
         make_movement(name, [demonstration.resample(RATE).values])
         for name, demonstration in demonstrations.items()
     ]
-    ablations = [method.name for method in ABLATIONS]
     scores: dict[str, MethodScores] = {}
-    for name in checked_methods(()):
-        if name in ablations:
-            continue
+    for name in [method.name for method in METHODS if method not in ABLATIONS]:
         scores[name] = MethodScores(method=name)
         for movement in movements:
             progress(f"held out: {movement.name}, {name}")
@@ -248,6 +244,5 @@ def _settings(profile: Profile) -> dict[str, Any]:
         "rate_hz": RATE,
         "bins": BINS,
         "floor": FLOOR,
-        "samples": profile.samples,
-        "places": profile.places,
+        **asdict(profile),
     }

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -22,13 +23,18 @@ from fmp_drake.experiments.benchmark import (
     Forecast,
     Method,
     run_benchmark,
+    write_benchmark,
 )
 from fmp_drake.experiments.benchmark.built_in import (
     FMP,
     METHODS,
     ReplayMethod,
 )
-from fmp_drake.experiments.benchmark.cleaning import clean_board, split_to_learn
+from fmp_drake.experiments.benchmark.cleaning import (
+    clean_board,
+    run_cleaning,
+    split_to_learn,
+)
 from fmp_drake.experiments.benchmark.findings import benchmark_findings
 from fmp_drake.experiments.benchmark.run import (
     MethodScores,
@@ -153,6 +159,42 @@ def test_recordings_of_one_stem_are_movements_of_their_own(tmp_path):
     assert len({movement.digest for movement in movements}) == 4
 
 
+def test_movements_have_names_of_their_own(tmp_path):
+    write_recording(tmp_path, "wipe", ellipse(300, seed=1))
+    for i in range(1, 4):
+        write_recording(tmp_path, f"wipe_{i}", ellipse(85, seed=i))
+    movements = load_movements(tmp_path)
+    assert [(m.name, len(m.parts)) for m in movements] == [("wipe", 1), ("wipe (2)", 3)]
+
+
+def test_short_recordings_of_other_channels_are_another_movement(tmp_path):
+    for i in (1, 2):
+        write_recording(tmp_path, f"wipe_{i}", ellipse(85, seed=i))
+        write_recording(tmp_path, f"wipe_{i + 2}", ellipse(85, seed=i)[:, :2])
+    shapes = {m.name: [y.shape[1] for y in m.parts] for m in load_movements(tmp_path)}
+    assert shapes == {"wipe": [3, 3], "wipe (2)": [2, 2]}
+
+
+def test_movement_that_cannot_be_divided_is_left_out_with_the_reason(tmp_path):
+    write_recording(tmp_path, "short", ellipse(74, seed=1))
+    with pytest.raises(FmpError, match=r"at least 1\.9 cycles are needed"):
+        load_movements(tmp_path)
+    write_recording(tmp_path, "long", ellipse(300, seed=2))
+    messages = []
+    assert [m.name for m in load_movements(tmp_path, messages.append)] == ["long"]
+    assert "short is left out: 1.8 cycles cannot be divided; at least 1.9" in "".join(
+        messages
+    )
+
+
+def test_remarks_on_recordings_are_shown(tmp_path):
+    values = np.column_stack([np.arange(300) / 20, 1000 * ellipse(300, seed=1)])
+    np.savetxt(tmp_path / "a.csv", values, delimiter=",", header="time,x,y,z")
+    messages = []
+    load_movements(tmp_path, messages.append)
+    assert "m wide" in "".join(messages)
+
+
 def test_folder_without_a_repeated_movement_is_refused(tmp_path):
     with pytest.raises(FmpError, match=r"no recording in which a movement repeats"):
         load_movements(tmp_path)
@@ -204,6 +246,82 @@ def test_calibrated_forecasts_are_scored_as_such():
     narrow = score_predictions(method, split, count=1500)
     assert narrow["inside_10"] < 0.6
     assert narrow["log_density"] < scores["log_density"]
+
+
+def test_an_exact_forecast_has_a_least_error():
+    split = Split(cycles="2", place=0, training=(), held_out=(np.ones((60, 3)),))
+    scores = score_predictions(Still(), split, count=5)
+    assert scores["error_mm"] == pytest.approx(1e-6)
+
+
+class Centred(Still):
+    """Changes the recordings that it gets."""
+
+    name = "centred"
+
+    def fit(self, recordings):
+        for y in recordings:
+            y -= y.mean(axis=0)
+
+    def predict(self, past, horizon):
+        past -= 1.0
+        return super().predict(past + 1.0, horizon)
+
+
+def test_a_method_cannot_change_the_recordings():
+    movement = Movement(name="ring", parts=(ellipse(300, seed=1),), period=PERIOD)
+    before = movement.parts[0].copy()
+    expected = score_method(Still, movement=movement, instants=5)
+    changed = score_method(Centred, movement=movement, instants=5)
+    assert np.array_equal(movement.parts[0], before)
+    errors = [[row["error_mm"] for row in m.predictions] for m in (changed, expected)]
+    assert errors[0] == pytest.approx(errors[1])
+
+
+def of_covariance(covariance):
+    """Return a function that changes the covariances of a forecast."""
+    return lambda f: replace(f, covariances=np.broadcast_to(covariance, (20, 3, 3)))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (
+            lambda f: replace(f, values=f.values[:1]),
+            r"values of shape (1, 3); expected",
+        ),
+        (lambda f: replace(f, values=f.values * np.nan), "expected finite numbers"),
+        (lambda f: replace(f, covariances=np.ones(20)), "covariances of shape (20,)"),
+        (of_covariance(np.zeros((3, 3))), "LinAlgError: "),
+        (lambda _: 1 / 0, "ZeroDivisionError: division by zero"),
+    ],
+)
+def test_a_wrong_forecast_ends_no_other_method(change, reason):
+    class Wrong(Still):
+        name = "wrong"
+
+        def predict(self, past, horizon):
+            return change(super().predict(past, horizon))
+
+    movement = Movement(name="ring", parts=(ellipse(300, seed=1),), period=PERIOD)
+    scores = score_method(Wrong, movement=movement, instants=5)
+    assert len(scores.predictions) == len([*splits(movement)])
+    assert all(reason in row["error"] for row in scores.predictions)
+
+
+def test_a_playback_of_another_length_is_not_scored():
+    class Short(Still):
+        name = "short"
+
+        def play(self, past, count, *, seed):  # noqa: ARG002
+            return past
+
+    movement = Movement(name="ring", parts=(ellipse(300, seed=1),), period=PERIOD)
+    scores = score_method(Short, movement=movement, instants=5)
+    errors = {row["cycles"]: row.get("error", "") for row in scores.predictions}
+    assert "shape (10, 3); expected (1200, 3)" in errors["2"]
+    assert errors["1.5"] == ""
+    assert scores.playbacks == []
 
 
 class Plays(Still):
@@ -428,6 +546,7 @@ def test_installed_package_adds_a_method(monkeypatch):
     for name, message in (
         (None, "package:bad has no name"),
         ("FMP", "both called FMP"),
+        ("FMP mixture", "both called FMP mixture, up to punctuation"),
     ):
         same = type("Same", (Still,), {"name": name})
         wrong.load = partial(lambda method: method, same)
@@ -452,7 +571,13 @@ def rows_of(path, name):
 def test_report_counts_the_cases_no_worse_than_the_best_of_the_others():
     def scored(method, errors, densities):
         rows = [
-            {"movement": name, "cycles": "2", "error_mm": e, "log_density": d}
+            {
+                "movement": name,
+                "cycles": "2",
+                "place": 0,
+                "error_mm": e,
+                "log_density": d,
+            }
             for name, e, d in zip("abc", errors, densities, strict=True)
         ]
         return MethodScores(method=method, predictions=rows)
@@ -469,7 +594,28 @@ def test_report_counts_the_cases_no_worse_than_the_best_of_the_others():
     assert len(error.figure.axes[0].get_xticks()) == len(error.table[0]) - 1
     best = f"{ReplayMethod.name}, {DelayGP.name}"
     assert f"No worse than the best of {best} in 1 of 3 cases" in error.shows
-    assert f"No worse than the best of {DelayGP.name} in 2 of 3 cases" in density.shows
+    assert f"No worse than the best of {best} in 0 of 3 cases" in density.shows
+
+
+def test_methods_are_compared_over_the_places_that_both_learned_from():
+    def scored(method, errors):
+        rows = [
+            {"movement": "a", "cycles": "all", "place": place}
+            | ({"error": "too short"} if e is None else {"error_mm": e})
+            for place, e in enumerate(errors)
+        ]
+        return MethodScores(method=method, predictions=rows)
+
+    mine = scored(FMP.name, (2.0, None, 4.0))
+    replayed = scored(ReplayMethod.name, (4.0, 22.0, 2.0))
+    process = scored(DelayGP.name, (2.5, 1.0, 5.0))
+    findings = benchmark_findings({m.method: m for m in (mine, replayed, process)})
+    tables = {finding.name: finding.table for finding in findings}
+    ratios = {row[0]: row[1] for row in tables["benchmark_error"][1:]}
+    assert ratios[FMP.name] == "1.00 (1.00 to 1.00)"
+    assert ratios[DelayGP.name] == "0.30 (0.30 to 0.30)"
+    assert "in 1 of 1 cases" in findings[0].shows
+    assert tables["benchmark_movements"][1] == ["a", "3.0 [2]", "9.3", "2.8"]
 
 
 def test_report_counts_runs_that_never_clean_the_board(tmp_path):
@@ -483,9 +629,11 @@ def test_report_counts_runs_that_never_clean_the_board(tmp_path):
         "tracking_rms_m": 0.003,
         "force_mean_n": 9.9,
         "force_near": 1.0,
+        "duration": 60.0,
     }
     runs = [{**run, "seed": 0}, {**run, "seed": 1, "seconds_to_90": 20.0}]
-    failed = {"movement": "wiping", "cycles": "4", "seed": 2, "error": "off the board"}
+    labels = {"movement": "wiping", "cycles": "4", "duration": 60.0}
+    failed = {**labels, "seed": 2, "error": "off the board"}
     write_scores(tmp_path, MethodScores(method="replay", cleaning=[*runs, failed]))
     rows = rows_of(tmp_path, "benchmark_cleaning_wiping")
     assert rows["replay"][:4] == [
@@ -505,6 +653,44 @@ def test_report_counts_runs_that_never_clean_the_board(tmp_path):
     assert read_scores(tmp_path)["replay"].cleaning == again
     for name in ("stirring", "wiping"):
         assert rows_of(tmp_path, f"benchmark_cleaning_{name}")["replay"][0] == "1 of 1"
+
+
+@pytest.mark.usefixtures("few")
+def test_cleaning_runs_of_other_settings_are_not_mixed(tmp_path, monkeypatch):
+    cleaned = {name: 0.5 for name in ("seconds_to_50", "seconds_to_90", "cleaned")}
+    monkeypatch.setattr(
+        "fmp_drake.experiments.benchmark.cleaning.clean_board",
+        lambda *_, **__: cleaned | dict.fromkeys(["seconds_to_99", "force_near"], 0.5),
+    )
+
+    def run(method, *, size=1.0, duration=5.0, seeds=2):
+        write_recording(tmp_path, "ring", ellipse(300, seed=1, size=size))
+        run_cleaning(
+            tmp_path / "ring.npz",
+            tmp_path,
+            Here(),
+            methods=[method],
+            duration=duration,
+            seeds=seeds,
+            progress=lambda _: None,
+        )
+
+    run("still")
+    run("replay")
+    for other in ({"size": 0.9}, {"duration": 60.0}, {"seeds": 5}):
+        with pytest.raises(ExperimentError, match=r"on ring that are of another"):
+            run("still", **other)
+    rows = read_scores(tmp_path)["still"].cleaning
+    assert [(row["seed"], row["duration"]) for row in rows] == [(0, 5.0), (1, 5.0)]
+
+
+def test_a_name_of_a_recording_is_no_markup(tmp_path):
+    row = {"movement": '"<i>', "cycles": "4", "seed": 0, "duration": 5.0, "error": "x"}
+    scores = {"replay": MethodScores(method="replay", cleaning=[row])}
+    write_benchmark(tmp_path, scores, folder=tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "<i>" not in page
+    assert 'id="benchmark_cleaning_&quot;&lt;i&gt;"' in page
 
 
 @pytest.mark.parametrize(("cycles", "learned"), [(9, "4"), (3.9, "3"), (2.4, "1.5")])

@@ -17,13 +17,16 @@ from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.interpolate import CubicSpline
 
-from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
+from fmp_drake.errors import DemonstrationError, ExperimentError
 from fmp_drake.experiments.baselines.method import PAST, RATE, Method
 from fmp_drake.experiments.benchmark.run import (
     MethodScores,
     Progress,
     checked_methods,
     collect_scores,
+    played_path,
+    read_scores,
+    reason,
 )
 from fmp_drake.experiments.benchmark.splits import (
     ALL,
@@ -84,10 +87,27 @@ def run_cleaning(
     -------
     dict of str to MethodScores
         Scores by method, with those of earlier runs into the same folder.
+
+    Raises
+    ------
+    ExperimentError
+        Where there are other runs of a recording of this name, or it has too few cycles.
     """
     names = checked_methods(methods)
     movement = board_movement(file)
     split = split_to_learn(movement)
+    known = movement.name, movement.digest, duration
+    for method, scores in read_scores(out).items():
+        rows = [row for row in scores.cleaning if row["movement"] == movement.name]
+        labels = {
+            (movement.name, row.get("digest"), row.get("duration")) for row in rows
+        }
+        if method not in names and rows and (labels != {known} or len(rows) != seeds):
+            raise ExperimentError(
+                f"{out} has scores of {method} on {movement.name} that are of another "
+                "recording of this name, another duration, or another number of seeds "
+                "(--quick). Give another folder by --out."
+            )
     score = partial(score_cleaning, movement=movement, split=split, duration=duration)
     parts = [partial(score, seed=seed) for seed in range(seeds)]
     return collect_scores(out, list(product(names, parts)), workers, progress)
@@ -149,20 +169,26 @@ def score_cleaning(
         One row of `cleaning`: the result of `clean_board`; or `error`, the reason for
         which the method could not learn or play.
     """
-    labels = {"movement": movement.name, "cycles": split.cycles, "seed": seed}
+    labels = {
+        "movement": movement.name,
+        "digest": movement.digest,
+        "duration": duration,
+        "cycles": split.cycles,
+        "seed": seed,
+    }
     learner = method()
     try:
-        learner.fit(split.training)
+        learner.fit([part.copy() for part in split.training])
         rng = np.random.default_rng(seed)
         longest = max(split.training, key=len)
         first = int(rng.integers(len(longest) - PAST))
         past = longest[first : first + PAST]
-        path = learner.play(past, round(duration * RATE), seed=seed)
+        path = played_path(learner, past, round(duration * RATE), seed=seed)
         if path is None:
             raise ExperimentError("it does not play.")
         row = clean_board(path, movement.parts, duration=duration)
-    except FmpError as error:
-        row = {"error": str(error)}
+    except Exception as error:  # noqa: BLE001 - of any method of a package.
+        row = {"error": reason(error)}
     return MethodScores(method=method.name, cleaning=[labels | row])
 
 

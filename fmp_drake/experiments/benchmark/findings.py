@@ -23,6 +23,12 @@ from fmp_drake.primitives.data.reading.table import count_text
 _COLUMNS = (*(f"{cycles:g}" for cycles in CYCLES), ALL)
 # Allowed percentages of the true samples in the tubes.
 _COVERAGE_BAND = (85, 99)
+# Densities that are drawn, relative to the reference, nats per sample.
+_DENSITIES = (-12.0, 8.0)
+_IN_BRACKETS = (
+    "In square brackets: number of movements compared, where the methods did not learn "
+    "from, or were not run on, all. "
+)
 # Greatest ratio of a playback to the demonstration that is drawn as it is.
 _MOST_RATIO = 2.0
 
@@ -47,19 +53,44 @@ def benchmark_findings(scores: _Scores) -> list[Finding]:
     ]
 
 
-def mean_values(scores: MethodScores, measure: str) -> dict[_Case, float]:
-    """Return a measure by cycles and movement, the mean over the training parts."""
-    values: dict[_Case, list[float]] = {}
+def _place_values(scores: MethodScores, measure: str) -> dict[_Case, dict[int, float]]:
+    """Return a measure by cycles and movement, and by the place of the training part."""
+    values: dict[_Case, dict[int, float]] = {}
     for row in scores.predictions:
         if row.get(measure) is not None:
             case = row["cycles"], row["movement"]
-            values.setdefault(case, []).append(row[measure])
-    return {case: float(np.mean(group)) for case, group in values.items()}
+            values.setdefault(case, {})[row["place"]] = row[measure]
+    return values
 
 
-def _method_values(scores: _Scores, method: str, measure: str) -> dict[_Case, float]:
-    """Return the mean values of a method, none where it has not been run."""
-    return mean_values(scores[method], measure) if method in scores else {}
+def mean_values(scores: MethodScores, measure: str) -> dict[_Case, float]:
+    """Return a measure by cycles and movement, the mean over the training parts."""
+    return {
+        case: fmean(places.values())
+        for case, places in _place_values(scores, measure).items()
+    }
+
+
+def _paired_means(
+    scores: _Scores, method: str, other: str, measure: str
+) -> dict[_Case, tuple[float, float]]:
+    """Return the means of two methods over the training parts that both learned from.
+
+    There are none where a method has not been run.
+    """
+    if method not in scores or other not in scores:
+        return {}
+    ours, theirs = (_place_values(scores[name], measure) for name in (method, other))
+    means = {}
+    for case, places in ours.items():
+        common = [place for place in places if place in theirs.get(case, {})]
+        if common:
+            mean, base = (
+                fmean(values[case][place] for place in common)
+                for values in (ours, theirs)
+            )
+            means[case] = mean, base
+    return means
 
 
 def _grouped[T](values: Mapping[_Case, T]) -> dict[str, list[T]]:
@@ -77,16 +108,16 @@ def _comparisons(
     compare: Callable[[float, float], float],
 ) -> dict[str, dict[str, list[float]]]:
     """Return method to cycles to comparisons with a reference, one for each movement."""
-    base = _method_values(scores, reference, measure)
     return {
         name: _grouped(
             {
-                case: compare(value, base[case])
-                for case, value in mean_values(method, measure).items()
-                if case in base
+                case: compare(*means)
+                for case, means in _paired_means(
+                    scores, name, reference, measure
+                ).items()
             }
         )
-        for name, method in scores.items()
+        for name in scores
     }
 
 
@@ -141,9 +172,8 @@ def _errors(scores: _Scores) -> Finding:
     return Finding(
         name="benchmark_error",
         title="Error of the next second, relative to replay",
-        shows=f"{text}Geometric mean over movements, and the range. In square brackets: "
-        "movements that the method can learn from, where it cannot learn from all. "
-        f"{_significance(scores)}",
+        shows=f"{text}Geometric mean over movements, and the range, over the training parts "
+        f"that the method and replay learned from. {_IN_BRACKETS}{_significance(scores)}",
         figure=figure,
         table=_table(scores, comparisons, show),
     )
@@ -153,16 +183,17 @@ def _wins(
     scores: _Scores, measure: str, best: Callable[[Iterable[float]], float]
 ) -> str:
     """Return a sentence that counts the cases no worse than the best simple method."""
-    names = [DelayGP.name, PeriodicGP.name]
-    if measure != "log_density":
-        names = [ReplayMethod.name, *names]
-    names = [name for name in names if name in scores]
-    rivals = [_method_values(scores, name, measure) for name in names]
-    wins = [
-        best((value, *others)) == value
-        for case, value in _method_values(scores, FMP.name, measure).items()
-        if (others := [rival[case] for rival in rivals if case in rival])
+    names = [
+        name
+        for name in (ReplayMethod.name, DelayGP.name, PeriodicGP.name)
+        if name in scores
     ]
+    pairs: dict[_Case, list[bool]] = {}
+    for name in names:
+        paired = _paired_means(scores, FMP.name, name, measure)
+        for case, (value, other) in paired.items():
+            pairs.setdefault(case, []).append(best((value, other)) == value)
+    wins = [all(no_worse) for no_worse in pairs.values()]
     text = (
         f"No worse than the best of {', '.join(names)} in {sum(wins)} of {len(wins)} "
         "cases. "
@@ -172,14 +203,13 @@ def _wins(
 
 def _significance(scores: _Scores) -> str:
     """Return a sentence about paired tests over all cases."""
-    errors = _method_values(scores, FMP.name, "error_mm")
     parts = []
     for name in scores:
         # The mean over cycles of each movement: cases of one movement are not independent.
         logs: dict[str, list[float]] = {}
-        for case, value in _method_values(scores, name, "error_mm").items():
-            if case in errors:
-                logs.setdefault(case[1], []).append(float(np.log(errors[case] / value)))
+        paired = _paired_means(scores, FMP.name, name, "error_mm")
+        for (_, movement), (error, other) in paired.items():
+            logs.setdefault(movement, []).append(float(np.log(error / other)))
         means = [float(np.mean(values)) for values in logs.values()]
         if name != FMP.name and len(means) > 4 and np.any(means):
             p = float(wilcoxon(means).pvalue)
@@ -202,12 +232,14 @@ def _densities(scores: _Scores) -> Finding:
 
     label = f"nats per sample more than {PeriodicGP.name}"
     figure = _draw_lines(comparisons, label, fmean)
-    figure.axes[0].set_ylim(-12.0, 8.0)
+    figure.axes[0].set_ylim(*_DENSITIES)
     return Finding(
         name="benchmark_density",
         title="Log score: density of the true next second",
         shows=f"Nats per sample, mean over the second, minus those of {PeriodicGP.name}: "
-        "mean over movements, and the least. Methods without numbers have no uncertainty. "
+        "mean over movements, and the least, over the training parts that both learned from. "
+        "Methods without numbers have no uncertainty. The picture shows "
+        f"{_DENSITIES[0]:g} to {_DENSITIES[1]:g}. {_IN_BRACKETS}"
         f"{_wins(scores, 'log_density', max)}",
         figure=figure,
         table=_table(scores, comparisons, show),
@@ -272,7 +304,8 @@ def _playback(scores: _Scores) -> Finding:
         "15 % of the movement's size of the demonstrated path. Size and tempo relative to "
         "the demonstration. Variety: difference of successive cycles, relative to that of "
         "the demonstration; 0 repeats itself exactly. Median, and the range of 80 %; "
-        f"'none' counts playbacks in which no cycle repeats. Ratios above {_MOST_RATIO:g} "
+        "'none' counts playbacks without a value, as no cycle repeats in them or in the "
+        f"demonstration. Ratios above {_MOST_RATIO:g} "
         "are drawn at the edge, their medians as arrows.",
         figure=figure,
         table=table,
@@ -302,14 +335,14 @@ def _cleaning(scores: _Scores, recording: str) -> Finding:
         counts={n: f"{len(finished[n])} of {len(group)}" for n, group in runs.items()},
         missing="{} never",
     )
-    cycles = ", ".join(
-        sorted({run["cycles"] for group in runs.values() for run in group})
-    )
+    all_runs = [run for group in runs.values() for run in group]
+    cycles = ", ".join(sorted({run["cycles"] for run in all_runs}))
+    durations = {f"{run['duration']:g} s" for run in all_runs}
     return Finding(
         name=f"benchmark_cleaning_{recording}",
         title=f"Task: times in which the methods clean the board, {recording}",
         shows=f"Learned from {cycles} cycles of {recording}; the same station follows the "
-        "path of each method. Each seed starts from other samples of the recording. Times "
+        f"path of each method for {', '.join(sorted(durations))}. Each seed starts from other samples of the recording. Times "
         "refer to the area that the whole recording sweeps. Mean and standard deviation over "
         "runs; 'never' counts runs that do not reach it.",
         figure=figure,
@@ -382,16 +415,24 @@ def _summarised_runs(
 
 
 def _movements(scores: _Scores) -> Finding:
-    values = [mean_values(method, "error_mm") for method in scores.values()]
+    values = [_place_values(method, "error_mm") for method in scores.values()]
     rows = [["", *scores]]
     cases = {case for means in values for case in means if case[0] == ALL}
     for case in sorted(cases):
-        cells = [f"{m[case]:.1f}" if case in m else "-" for m in values]
+        groups = [method.get(case, {}) for method in values]
+        most = max(map(len, groups))
+        cells = [
+            f"{fmean(group.values()):.1f}" + f" [{len(group)}]" * (len(group) < most)
+            if group
+            else "-"
+            for group in groups
+        ]
         rows.append([case[1], *cells])
     return Finding(
         name="benchmark_movements",
         title="Error of the next second of each movement, mm",
-        shows="Learned from two thirds, or from all recordings but one.",
+        shows="Learned from two thirds, or from all recordings but one. In square brackets: "
+        "number of training parts that a method could learn from, where these are not all.",
         table=rows,
     )
 
@@ -434,8 +475,8 @@ def write_benchmark(out: Path, scores: _Scores, *, folder: Path) -> None:
     name = folder.resolve().name
     count = len({row["movement"] for m in scores.values() for row in m.predictions})
     failures = [
-        f"{name} could not learn from {len(errors)} of {len(method.predictions)} "
-        f"splits: {errors[0]}"
+        f"{name} could not learn from, or predict, {len(errors)} of "
+        f"{len(method.predictions)} splits: {errors[0]}"
         for name, method in scores.items()
         if (errors := [row["error"] for row in method.predictions if "error" in row])
     ]

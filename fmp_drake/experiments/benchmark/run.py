@@ -18,7 +18,13 @@ from threadpoolctl import threadpool_limits
 
 from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
 from fmp_drake.experiments.baselines.alignment import movement_period
-from fmp_drake.experiments.baselines.method import PAST, RATE, Method, further_methods
+from fmp_drake.experiments.baselines.method import (
+    PAST,
+    RATE,
+    Forecast,
+    Method,
+    further_methods,
+)
 from fmp_drake.experiments.benchmark.built_in import METHODS
 from fmp_drake.experiments.benchmark.splits import (
     PLACES,
@@ -46,6 +52,8 @@ _SETTLING_TIME = 10.0
 # Distance from the demonstrated path, relative to the size of the movement, up to which a
 # playback stays near it.
 _NEAR = 0.15
+# An exact repetition counts as an error of this size, m.
+_LEAST_ERROR = 1e-9
 
 
 @dataclass(kw_only=True)
@@ -94,13 +102,15 @@ def all_methods() -> dict[str, type[Method]]:
     """
     methods: dict[str, type[Method]] = {}
     for method in (*METHODS, *further_methods()):
-        if method.name in methods:
+        file = _file_name(method.name)
+        if file in methods:
             raise ExperimentError(
-                f"{methods[method.name].__qualname__} and {method.__qualname__} are both "
-                f"called {method.name}; give the method of your package another name."
+                f"{methods[file].__qualname__} and {method.__qualname__} are both "
+                f"called {method.name}, up to punctuation; give the method of your package "
+                "another name."
             )
-        methods[method.name] = method
-    return methods
+        methods[file] = method
+    return {method.name: method for method in methods.values()}
 
 
 def run_benchmark(
@@ -223,19 +233,57 @@ def score_method(
             "cycles": split.cycles,
             "place": split.place,
         }
-        learner = method()
+        learner, playback = method(), None
         try:
-            learner.fit(split.training)
+            learner.fit([part.copy() for part in split.training])
             predictions = score_predictions(learner, split, count=instants)
-        except FmpError as error:
-            scores.predictions.append({**labels, "error": str(error)})
+            if split.cycles in _PLAYED_CYCLES:
+                playback = score_playback(learner, movement, split, seed=split.place)
+        except Exception as error:  # noqa: BLE001 - of any method of a package.
+            scores.predictions.append({**labels, "error": reason(error)})
             continue
         scores.predictions.append({**labels, **predictions})
-        if split.cycles in _PLAYED_CYCLES:
-            playback = score_playback(learner, movement, split, seed=split.place)
-            if playback is not None:
-                scores.playbacks.append({**labels, **playback})
+        if playback is not None:
+            scores.playbacks.append({**labels, **playback})
     return scores
+
+
+def reason(error: Exception) -> str:
+    """Return why a method failed, with the kind of an error that is not foreseen."""
+    kind = "" if isinstance(error, FmpError) else f"{type(error).__name__}: "
+    return f"{kind}{error}"
+
+
+def _forecast(method: Method, past: Array, count: int) -> Forecast:
+    """Return the forecast of a method; raise an error where it cannot be scored."""
+    forecast, d = method.predict(past.copy(), count), past.shape[1]
+    for name, shape in (("values", (count, d)), ("covariances", (count, d, d))):
+        array = getattr(forecast, name)
+        if array is None and name == "covariances":
+            continue
+        if np.shape(array) != shape or not np.all(np.isfinite(array)):
+            raise ExperimentError(
+                f"its forecast has {name} of shape {np.shape(array)}; expected finite "
+                f"numbers of shape {shape}."
+            )
+    return forecast
+
+
+def played_path(method: Method, past: Array, count: int, *, seed: int) -> Array | None:
+    """Return the playback (count, D) of a method, or None where it does not play.
+
+    Raises
+    ------
+    ExperimentError
+        Where it has another shape.
+    """
+    path = method.play(past.copy(), count, seed=seed)
+    if path is not None and np.shape(path) != (count, past.shape[1]):
+        raise ExperimentError(
+            f"it plays an array of shape {np.shape(path)}; expected "
+            f"{(count, past.shape[1])}."
+        )
+    return path
 
 
 def score_predictions(
@@ -246,13 +294,13 @@ def score_predictions(
     Returns
     -------
     dict of str to float or None
-        `error_mm`, rms over the next second; `log_density`, nats per sample, mean over
+        `error_mm`, rms over the next second, at least a nanometre; `log_density`, nats per sample, mean over
         the second; `inside_5`, `inside_10`, `inside_20`, fractions of true samples in the
         95 % ellipsoids. None where the method has no uncertainty.
     """
     mean_squares, densities, coverage = [], [], []
     for past, truth in prediction_instants(split.held_out, count):
-        forecast = method.predict(past, len(truth))
+        forecast = _forecast(method, past, len(truth))
         errors = truth - forecast.values
         mean_squares.append(float(np.mean(np.sum(errors**2, axis=1))))
         if forecast.covariances is None:
@@ -262,8 +310,10 @@ def score_predictions(
         coverage.append(
             _are_inside_ellipsoids(errors[indices], forecast.covariances[indices])
         )
+    # Errors are compared by their ratios.
+    error = max(float(np.sqrt(np.mean(mean_squares))), _LEAST_ERROR)
     scores: dict[str, float | None] = {
-        "error_mm": 1e3 * float(np.sqrt(np.mean(mean_squares))),
+        "error_mm": 1e3 * error,
         "log_density": float(np.mean(densities)) if densities else None,
     }
     fractions = np.mean(coverage, axis=0).tolist() if coverage else [None] * len(STEPS)
@@ -285,7 +335,7 @@ def score_playback(
         where the method cannot play.
     """
     past = split.held_out[0][:PAST]
-    path = method.play(past, round(_PLAYED_SECONDS * RATE), seed=seed)
+    path = played_path(method, past, round(_PLAYED_SECONDS * RATE), seed=seed)
     if path is None:
         return None
     scores: dict[str, Any] = dict.fromkeys(("stays", "size", "tempo", "variety"))
@@ -349,9 +399,14 @@ def write_scores(out: Path, scores: MethodScores) -> None:
             playbacks=scores.playbacks or before.playbacks,
             cleaning=others + scores.cleaning,
         )
-    words = "".join(c if c.isalnum() else "_" for c in scores.method.lower())
-    path = out / f"method_{'_'.join(filter(None, words.split('_')))}.json"
+    path = out / _file_name(scores.method)
     write_text(path, json.dumps(asdict(scores), indent=1) + "\n", ExperimentError)
+
+
+def _file_name(method: str) -> str:
+    """Return the name of the file of a method."""
+    words = "".join(c if c.isalnum() else "_" for c in method.lower())
+    return f"method_{'_'.join(filter(None, words.split('_')))}.json"
 
 
 def read_scores(out: Path) -> dict[str, MethodScores]:

@@ -3,8 +3,10 @@
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
+from itertools import chain
+from itertools import count as counting
 from pathlib import Path
 
 import numpy as np
@@ -88,14 +90,15 @@ def load_movements(
 
     Only the first three channels in metres are used. A recording of at least 2.3 cycles is
     a movement; shorter ones whose names differ only in a number at the end form one
-    movement. Others are reported and left out.
+    movement. Others are reported and left out, as are movements that are too short to be
+    divided.
 
     Parameters
     ----------
     folder : pathlib.Path
         Folder of files that `read_demonstrations` reads.
     progress : callable
-        Called with a message about every recording that is left out.
+        Called with the remarks on every recording, and why it is left out.
 
     Raises
     ------
@@ -103,8 +106,9 @@ def load_movements(
         Where there is no movement.
     """
     movements: list[Movement] = []
-    # Recordings of few cycles with their names, by these names without numbers.
-    groups: dict[str, list[tuple[str, Array]]] = {}
+    # Recordings of few cycles with their names, by these names without numbers, and by their
+    # number of channels.
+    groups: dict[tuple[str, int], list[tuple[str, Array]]] = {}
     paths = [
         path
         for path in sorted(folder.iterdir())
@@ -123,8 +127,8 @@ def load_movements(
                     movements.append(movement)
                     continue
             group = name.rstrip("0123456789").rstrip("_-") or name
-            groups.setdefault(group, []).append((name, values))
-    for group, members in groups.items():
+            groups.setdefault((group, values.shape[1]), []).append((name, values))
+    for (group, _), members in groups.items():
         name = group if len(members) > 1 else members[0][0]
         try:
             movements.append(make_movement(name, [values for _, values in members]))
@@ -132,16 +136,43 @@ def load_movements(
             progress(f"{name} is left out: {error}")
     if not movements:
         raise FmpError(f"{folder} has no recording in which a movement repeats.")
-    return sorted(movements, key=lambda movement: movement.name)
+    movements.sort(key=lambda movement: movement.name)
+    divided = []
+    for movement in movements:
+        if any(splits(movement)):
+            divided.append(movement)
+        else:
+            progress(
+                f"{movement.name} is left out: {movement.cycles:.1f} cycles cannot be "
+                f"divided; at least {CYCLES[0] + _LEAST_HELD_OUT:g} are needed."
+            )
+    if not divided:
+        raise FmpError(
+            f"{folder} has no movement that is long enough: at least "
+            f"{CYCLES[0] + _LEAST_HELD_OUT:g} cycles are needed."
+        )
+    return _with_names_of_their_own(divided)
+
+
+def _with_names_of_their_own(movements: Sequence[Movement]) -> list[Movement]:
+    """Return movements of which those that have the same name are numbered."""
+    named: dict[str, Movement] = {}
+    for movement in movements:
+        names = (f"{movement.name} ({number})" for number in counting(2))
+        name = next(n for n in chain([movement.name], names) if n not in named)
+        named[name] = replace(movement, name=name)
+    return [*named.values()]
 
 
 def _positions(path: Path, progress: Callable[[str], None]) -> Iterator[Array]:
     """Yield the first three channels in metres of the demonstrations of a file."""
     try:
-        demonstrations, _ = read_demonstrations([path])
+        demonstrations, remarks = read_demonstrations([path])
     except FmpError as error:
         progress(f"{path.name} is left out: {error}")
         return
+    for remark in remarks:
+        progress(remark)
     for demonstration in demonstrations:
         channels = zip(demonstration.channels, demonstration.units, strict=True)
         in_metres = [name for name, unit in channels if unit == "m"]
