@@ -18,6 +18,8 @@ class Bus:
         Whether there is an arm.
     stride : int
         Steps of a millisecond that it makes for each look.
+    scenario : str
+        Name.
     bench
         As for `ArmBench`.
 
@@ -27,8 +29,10 @@ class Bus:
         What happens after so many looks: functions.
     """
 
-    def __init__(self, monkeypatch, *, speaks=True, stride=1, **bench):
-        self.lcm, self.scenario = DrakeLcm("memq://"), LoadScenario("table_top")
+    def __init__(
+        self, monkeypatch, *, speaks=True, stride=1, scenario="table_top", **bench
+    ):
+        self.lcm, self.scenario = DrakeLcm("memq://"), LoadScenario(scenario)
         self.bench = ArmBench(self.scenario, self.lcm, **bench) if speaks else None
         self.seconds, self.looks, self.at, self._stride = 1.7e9, 0, {}, stride
         clock = SimpleNamespace(time=self.now, sleep=lambda _: None)

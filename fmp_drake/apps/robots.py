@@ -9,8 +9,8 @@ from rich.text import Text
 from fmp_drake.apps.page import make_console, print_next
 from fmp_drake.errors import StationError
 from fmp_drake.station.reach.posture import FindLevelReach
-from fmp_drake.station.robots.joint_inertia import CheckJointInertia
 from fmp_drake.station.robots.robot import ListRobots, LoadRobot, MakeRobotModel
+from fmp_drake.station.robots.stability import CheckStability
 from fmp_drake.systems import ImpedanceConfig
 
 
@@ -27,7 +27,7 @@ def robots(files: tuple[str, ...]) -> None:
         config = LoadRobot(name)
         robot = MakeRobotModel(config)
         try:
-            CheckJointInertia(robot, ImpedanceConfig())
+            CheckStability(robot, ImpedanceConfig())
         except StationError as error:
             too_light.append(str(error))
         context = robot.plant.CreateDefaultContext()

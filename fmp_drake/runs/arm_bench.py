@@ -220,8 +220,7 @@ class ArmBench:
     ) -> None:
         ink, scenario = AddInk(builder, scene), scene.scenario
         self._grid, self._initial_ink = ink.grid, ink.initial_ink
-        x, y = scenario.eraser.footprint
-        self._area = ink.grid.swept_by(demonstrated, (x, y))
+        self._area = ink.grid.swept_by(demonstrated, scenario.board_footprint())
         if not demonstrated:
             self._area[:] = True
         self._force = ForceMetrics(scenario.press.force)

@@ -30,6 +30,7 @@ from fmp_drake.systems.panda.arm_status import (
     read_status,
     track_status,
 )
+from fmp_drake.systems.surface.surface import project_all
 
 # Duration of a check, s, and its smallest rate of messages, 1/s.
 _CHECK_SECONDS, _MIN_RATE = 1.0, 900.0
@@ -194,9 +195,14 @@ def _check_pose(scenario: Scenario, reading: ArmReading) -> list[CheckResult]:
 def _eraser_positions(
     scenario: Scenario, robot: Robot, states: Sequence[Array]
 ) -> Array:
-    """Return p_BE on the assumed board, (N, 3), m, for states of an arm, (14,) each."""
+    """Return positions on the assumed board, (N, 3), m, for states of an arm, (14,) each.
+
+    p_BE, or (u, v, h) over a curved board.
+    """
     p_WE: Any = robot.tip_positions(np.array(states)[:, :JOINTS]).T
-    return scenario.board.assumed_pose().inverse().multiply(p_WE).T
+    p_BE = scenario.board.assumed_pose().inverse().multiply(p_WE).T
+    surface = scenario.board.curvature()
+    return p_BE if surface.is_plane else project_all(surface, p_BE, np.zeros(2))
 
 
 def record_arm(

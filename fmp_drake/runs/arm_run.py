@@ -1,7 +1,7 @@
 """Run of a skill on an arm behind LCM messages, in real time."""
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from pydrake.lcm import DrakeLcmInterface
@@ -28,6 +28,14 @@ from fmp_drake.systems.panda.gate import EXPIRED_AGE, largest_change, limited_ch
 _SETTLE = 0.3
 # Steps between two checks of the page's controls, and between two updates of the metrics.
 _CONTROL_STEPS, _CHUNK_STEPS = 20, 250
+
+
+# Output ports of a station behind LCM, by the names of their signals in simulation.
+_PORTS = {
+    "actuation": "torque_measured",
+    "torque": "torque_sent",
+    "desired_normal_force": "page_press_force",
+}
 
 
 class ArmRun(StationRun):
@@ -61,11 +69,6 @@ class ArmRun(StationRun):
     See `fmp-drake wipe --arm`.
     """
 
-    _ports: ClassVar[dict[str, str]] = {
-        "actuation": "torque_measured",
-        "torque": "torque_sent",
-    }
-
     def __init__(
         self,
         scenario: Scenario,
@@ -92,6 +95,11 @@ class ArmRun(StationRun):
     def _add_systems(self, builder: DiagramBuilder) -> None:
         self._add_sink(builder, "mode", MILLISECOND)
 
+    def _port_name(self, signal: str) -> str:
+        if signal == "desired_normal_force" and self.roles.force is not None:
+            return signal
+        return _PORTS.get(signal, signal)
+
     def _set_input(self, name: str, value: float) -> None:
         root = self.simulator.get_mutable_context()
         context = self.station.GetMyMutableContextFromRoot(root)
@@ -113,7 +121,7 @@ class ArmRun(StationRun):
         return GateFault(int(self.output("faults")[0]))
 
     def go(self) -> None:
-        """Enable the arm: the skill starts again from the arm's current position."""
+        """Enable the arm: the skill continues, and leads the arm there slowly."""
         self.simulator.Initialize()
         self._enable_time = self.seconds + _SETTLE
 

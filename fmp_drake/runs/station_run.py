@@ -5,7 +5,7 @@ from functools import cached_property
 from math import floor, isfinite
 from pathlib import Path
 from time import perf_counter
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +34,7 @@ from fmp_drake.station import LoadRobot, MakeStation, Scenario
 from fmp_drake.station.page import BOARD, INK, describe_page
 from fmp_drake.station.robots.robot import MakeRobotModel
 from fmp_drake.station.scenario import check_scenario
-from fmp_drake.station.skill_motion import ContactHeight, SkillRoles
+from fmp_drake.station.skill_motion import ContactHeight, DemonstratedArea, SkillRoles
 from fmp_drake.systems import AddPathToRecording, PagePanel
 from fmp_drake.systems.erase_times import EraseTimes
 from fmp_drake.systems.ink.grid import CLEAN_BELOW, cleaned_history
@@ -106,8 +106,6 @@ class StationRun:
 
     _replayed: tuple[str, ...] = ("measured_position",)
     _title = "A motion is followed"
-    # Output ports of the station, by the names of the signals that they are logged as.
-    _ports: ClassVar[dict[str, str]] = {}
 
     def __init__(
         self,
@@ -174,10 +172,14 @@ class StationRun:
         """Add systems that observe the task."""
 
     def _has(self, name: str) -> bool:
-        return self.station.HasOutputPort(self._ports.get(name, name))
+        return self.station.HasOutputPort(self._port_name(name))
+
+    def _port_name(self, signal: str) -> str:
+        """Return the name of the station's output port with a signal."""
+        return signal
 
     def _add_sink(self, builder: DiagramBuilder, name: str, period: float) -> None:
-        port = self.station.GetOutputPort(self._ports.get(name, name))
+        port = self.station.GetOutputPort(self._port_name(name))
         self._sinks[name] = LogVectorOutput(port, builder, period)
         self._sinks[name].set_name(f"log_{name}")
 
@@ -477,9 +479,7 @@ class WipingRun(StationRun):
     @cached_property
     def demonstrated_area(self) -> Mask:
         """Cells below the demonstrated paths of the eraser, shape (ny, nx)."""
-        x, y = self.scenario.eraser.footprint
-        paths = [path[:, self.roles.position] for path in self.demonstrated]
-        return self.grid.swept_by(paths, (x, y))
+        return DemonstratedArea(self.scenario, self.skill)
 
     def cleaned_by(self, times: ArrayLike) -> Array:
         """Return the clean fraction of the demonstrated area with ink at times (N,), s."""

@@ -143,7 +143,7 @@ def shared_skill(
     config, recordings = scenario.skill, list[Demonstration]()
     if not config.file:
         source = default_demonstration(config.demonstration)
-        place = (scenario.robot, *scenario.board.size, *scenario.eraser.footprint)
+        place = (scenario.robot, *scenario.board.size, *scenario.board_footprint())
         recordings = _PLACED.get(
             (source, _changed(source), *place),
             lambda: load_on_board(

@@ -443,7 +443,7 @@ def place_on_board(
         return placement.apply(demonstration), remarks
     if demonstration.frame == "board":
         return demonstration, remarks
-    usable = np.array(scenario.board.size) - scenario.eraser.footprint - BORDER
+    usable = np.array(scenario.board.size) - scenario.board_footprint() - BORDER
     placement = fit_placement(demonstration, usable=usable, **rhythm)
     touching = f"{100 * placement.touching:.0f} % of the time"
     instead = "Give its pose (--transform), or learn it as it is (learn --as-recorded)."

@@ -355,7 +355,7 @@ def _set_board(
         [uvh[c.in_bout, :2] for uvh, c in zip(coordinates, contacts, strict=True)]
     )
     low, high = learned.min(axis=0), learned.max(axis=0)
-    board, edges = scenario.board, np.array(scenario.eraser.footprint) + BORDER
+    board, edges = scenario.board, np.array(scenario.board_footprint()) + BORDER
     extent = np.maximum(high - low, 1e-9)
     scale = float(min(1.0, np.min((np.array(board.size) - edges) / extent)))
     check_scale(scale, "Use a larger board, or check the unit (--unit).")
@@ -508,8 +508,7 @@ def _normal_force(
         normal, source = along_mean, "along its mean direction in contact"
         if np.sum(along_normal[on] ** 2) > np.sum(along_mean[on] ** 2):
             normal, source = along_normal, "along the surface's normal"
-    x, y = scenario.eraser.footprint
-    sagitta = scenario.board.curvature().sagitta((x, y))
+    sagitta = scenario.board.curvature().sagitta(scenario.board_footprint())
     limit = _BORNE * FeltForceLimit(scenario.eraser, sagitta=max(sagitta, lift))
     highest = float(np.percentile(normal[on], 95))
     scale = min(1.0, limit / max(highest, 1e-9))

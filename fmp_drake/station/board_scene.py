@@ -24,7 +24,6 @@ from fmp_drake.numeric import finite_array
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.models.whiteboard import AddWhiteboard, FilterHull
 from fmp_drake.station.reach.posture import SolveStartPosture
-from fmp_drake.station.robots.joint_inertia import CheckJointInertia
 from fmp_drake.station.robots.robot import (
     AddRobot,
     FilterSelfContact,
@@ -32,6 +31,7 @@ from fmp_drake.station.robots.robot import (
     MakeRobotModel,
     Robot,
 )
+from fmp_drake.station.robots.stability import CheckStability
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import BoardConfig, in_one_line
 from fmp_drake.systems.joint_friction import JointFriction
@@ -128,7 +128,7 @@ def AddBoardScene(
         )
     config = LoadRobot(scenario.robot)
     model = MakeRobotModel(config, scenario.held_tool())
-    CheckJointInertia(model, scenario.impedance)
+    CheckStability(model, scenario.impedance, delay=scenario.sensors.delay)
     if simulated:
         with in_one_line("the scenario's plant cannot be built"):
             plant, scene_graph = AddMultibodyPlant(scenario.plant, builder)

@@ -234,6 +234,12 @@ class SimulatedHand:
                 "to guide the tool over; use a motion with a height, such as stirring, or a "
                 "scenario with a board."
             )
+        amplitude = scene.scenario.board.motion.amplitude
+        if amplitude > 0:
+            raise StationError(
+                f"board.motion.amplitude is {amplitude:g} m; the simulated hand moves over "
+                "a board at rest. Set it to 0."
+            )
         hand = builder.AddSystem(
             HumanHand(
                 scene.plant,
@@ -289,7 +295,7 @@ class MouseOnPage:
     ) -> tuple[OutputPort, OutputPort]:
         """Add meshcat_mouse_spring (Drake's) and mouse_hand."""
         scenario, plant, curvature = scene.scenario, scene.plant, scene.curvature
-        free = np.array(scenario.board.size) - scenario.eraser.footprint
+        free = np.array(scenario.board.size) - scenario.board_footprint()
         robot, config, R_WE = scene.robot, GUIDING_DRAG, None
         if not curvature.is_plane:
             greatest = max(abs(curvature.kx), abs(curvature.ky))

@@ -22,7 +22,7 @@ from fmp_drake.station.board_scene import AddBoardScene, BoardScene
 from fmp_drake.station.external_forces import AddMousePull
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
-from fmp_drake.station.skill_motion import ChoiceByInk, Playback
+from fmp_drake.station.skill_motion import DemonstratedArea, Playback
 from fmp_drake.station.tasks.task import Measurements
 from fmp_drake.systems import PagePanel, draw_demonstrations
 from fmp_drake.systems.ink.grid import CLEAN_BELOW
@@ -268,9 +268,8 @@ def AddPageStatus(
     scenario, ink = scene.scenario, measured.ink_board
     cells = None
     if ink is not None:
-        cells = ink.initial_ink >= CLEAN_BELOW
-        _, area = ChoiceByInk(scenario, playback.skill)
-        cells = cells if area is None else cells & area
+        cells = DemonstratedArea(scenario, playback.skill)
+        cells &= ink.initial_ink >= CLEAN_BELOW
     status = builder.AddSystem(PageStatus(panel, area=cells))
     builder.Connect(measured.status, status.GetInputPort("status"))
     builder.Connect(last_fault, status.GetInputPort("last_fault"))

@@ -129,8 +129,7 @@ class Scenario:
 
     def inconsistency(self) -> str:
         """Return an error message for an inconsistency beyond the ranges, or ""."""
-        x, y = self.eraser.footprint
-        sagitta = self.board.curvature().sagitta((x, y))
+        sagitta = self.board.curvature().sagitta(self.board_footprint())
         limit = FeltForceLimit(self.eraser, sagitta=sagitta)
         if self.press.force > 1.000001 * limit:
             other = (
@@ -225,6 +224,15 @@ class Scenario:
     def eraser_orientation(self) -> RotationMatrix:
         """Return R_TE, the orientation of the eraser over the board; T is B if flat."""
         return RotationMatrix(RollPitchYaw(np.array(self.impedance.orientation)))
+
+    def board_footprint(self) -> tuple[float, float]:
+        """Return the edges of the eraser's footprint along x and y of the board, m.
+
+        Where the eraser is yawed, they are those of the rectangle around it.
+        """
+        R_TE = np.abs(np.round(self.eraser_orientation().matrix()[:2, :2], 9))
+        x, y = (R_TE @ self.eraser.footprint).tolist()
+        return x, y
 
     def eraser_pose(self, position: ArrayLike) -> RigidTransform:
         """Return X_BE over a point: its p_BE, or (u, v, h) of a curved board, m."""

@@ -69,33 +69,39 @@ class Playback:
         return self.primitive.player.skill
 
 
+def DemonstratedArea(scenario: Scenario, skill: FourierMovementPrimitive) -> Mask:
+    """Return the cells below the demonstrated paths of the eraser, shape (ny, nx).
+
+    Only what was learned counts, without an approach. A skill without paths has those of
+    its means.
+    """
+    position = SkillRoles(skill).position
+    paths = skill.paths_ or [skill.synthesize(c.mean) for c in skill.components_]
+    footprint = scenario.board_footprint()
+    return BoardGrid(scenario).swept_by([p[:, position] for p in paths], footprint)
+
+
 def ChoiceByInk(
     scenario: Scenario, skill: FourierMovementPrimitive
-) -> tuple[CoverageChoice | None, Mask | None]:
-    """Return the choice of samples by the ink, if there is one, and the area to clean.
+) -> CoverageChoice | None:
+    """Return the choice of samples by the ink, if there is one.
 
     Parameters
     ----------
     scenario : Scenario
     skill : FourierMovementPrimitive
-        Fitted. The area is that of its demonstrated paths; None if it has none.
+        Fitted. If it has demonstrated paths, their area is to be cleaned.
     """
-    grid = BoardGrid(scenario)
-    x, y = scenario.eraser.footprint
-    position = SkillRoles(skill).position
-    paths = [path[:, position] for path in skill.paths_]
-    area = grid.swept_by(paths, (x, y)) if paths else None
     candidates = scenario.skill.candidates
     if candidates == 1:
-        return None, area
-    choice = CoverageChoice(
-        grid=grid,
-        footprint=(x, y),
+        return None
+    return CoverageChoice(
+        grid=BoardGrid(scenario),
+        footprint=scenario.board_footprint(),
         candidates=candidates,
-        area=area,
-        position=position,
+        area=DemonstratedArea(scenario, skill) if skill.paths_ else None,
+        position=SkillRoles(skill).position,
     )
-    return choice, area
 
 
 def SkillMargin(scenario: Scenario, skill: FourierMovementPrimitive) -> float | None:
@@ -208,7 +214,7 @@ def AddSkill(
         Instead of the scenario's, unless None.
     """
     roles, config = SkillRoles(skill), scene.scenario.skill
-    choice = None if measured.ink is None else ChoiceByInk(scene.scenario, skill)[0]
+    choice = None if measured.ink is None else ChoiceByInk(scene.scenario, skill)
     primitive = FourierPrimitiveSystem(
         skill,
         tracker=tracker,

@@ -288,7 +288,7 @@ def _AddNominalMotion(
     Returns
     -------
     OutputPort
-        The normal force, N.
+        The desired normal force, N: that of the skill, if it has such a channel.
     """
     tempo, force = playback.primitive.GetInputPort("tempo"), scenario.nominal_force()
     for name, system, port, value in (
@@ -301,6 +301,8 @@ def _AddNominalMotion(
             constant = ConstantVectorSource(np.array([value]))
             source = builder.AddNamedSystem(system, constant).get_output_port()
         builder.Connect(source, port)
+    if playback.roles.force is not None:
+        source = builder.GetSubsystemByName("force_channel").get_output_port()
     return source
 
 
@@ -343,6 +345,12 @@ def _MakeTeachingStation(
     meshcat: Meshcat | None,
 ) -> Diagram:
     """Build a station where a hand guides the gravity-compensated arm."""
+    is_curved = not scenario.board.curvature().is_plane
+    if is_curved and scenario.board.motion.amplitude > 0:
+        raise StationError(
+            f"board.motion.amplitude is {scenario.board.motion.amplitude:g} m; guide the arm "
+            "over a curved board at rest. Set it to 0."
+        )
     builder = DiagramBuilder()
     if start is None:
         start = scenario.start if hand.start is None else hand.start

@@ -11,6 +11,7 @@ import pytest
 from fmp_drake.errors import FmpError, RunError
 from fmp_drake.primitives.data.files import (
     check_writable,
+    keep_earlier_files,
     replaced,
     write_text,
 )
@@ -35,6 +36,17 @@ with replaced(folder / "text" / "out.text") as part:
     write_npz(folder / "npz" / "out.npz", Endless())
 """
 OLDER = {"npz": b"precious", "text": None}
+
+
+def test_all_files_of_a_series_are_kept_also_after_a_gap(tmp_path):
+    for name in ("taught_2.npz", "taught_5.npz", "skill.npz", "taught.1.npz"):
+        (tmp_path / name).write_text(name)
+    renamed = keep_earlier_files(tmp_path / "taught.npz", tmp_path / "skill.npz")
+    assert sorted(renamed) == ["skill.1.npz", "taught_2.1.npz", "taught_5.1.npz"]
+    for name in renamed:
+        assert (tmp_path / name).read_text() == name.replace(".1.", ".")
+    assert (tmp_path / "taught.1.npz").exists()
+    assert keep_earlier_files(tmp_path / "taught.npz", tmp_path / "skill.npz") == []
 
 
 @pytest.fixture(scope="module")

@@ -134,3 +134,18 @@ def test_silent_or_resting_arm_has_no_recording(monkeypatch):
         bus = Bus(monkeypatch, speaks=speaks)
         with pytest.raises(RunError, match=word):
             record_arm(bus.scenario, LcmPanda(), lcm=bus.lcm, until=lambda s: s >= 0.3)
+
+
+def test_positions_over_a_curved_board_are_those_on_its_surface(monkeypatch):
+    bus = Bus(monkeypatch, scenario="polish_pipe")
+    results = check_arm(bus.scenario, LcmPanda(), lcm=bus.lcm)
+    (start,) = [r for r in results if "from the start" in r.text]
+    assert start.is_good, start.text
+    hand = SimulatedHand(HandMotion.make("wiping", duration=6.0, seed=0))
+    bus = Bus(monkeypatch, scenario="polish_pipe", hand=hand)
+    shown = record_arm(
+        bus.scenario, LcmPanda(), lcm=bus.lcm, until=lambda seconds: seconds >= 4.0
+    )
+    # Away from the crest of the pipe a height along z would be far below it.
+    assert np.ptp(shown.values[:, 1]) > 0.05
+    assert np.all(np.abs(shown.values[20:, 2]) < 0.012)

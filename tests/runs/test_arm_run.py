@@ -417,3 +417,17 @@ def test_a_run_catches_up_at_most_ten_milliseconds(skill):
     assert 5 <= np.sum(at_once) <= 10
     assert loop.run.skipped == pytest.approx(0.999, abs=0.002)
     assert len(clock.steps) < 60
+
+
+def test_the_force_is_compared_with_that_of_the_slider(skill):
+    meshcat = Meshcat()
+    loop = Loop(skill, meshcat=meshcat, controls=True).advance(50)
+    meshcat.SetSliderValue("press force (N)", 3.0)
+    loop.advance(500)
+    loop.run.go()
+    loop.advance(4000)
+    assert loop.run.desired_force == 3
+    metrics = loop.run.metrics()
+    assert metrics["normal_force_mean_n"] == pytest.approx(3, abs=0.5)
+    assert metrics["normal_force_wanted_fraction"] > 0.9
+    assert metrics["normal_force_precise_fraction"] > 0.3

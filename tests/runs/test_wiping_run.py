@@ -7,9 +7,11 @@ from pydrake.common.yaml import yaml_load_typed
 
 from fmp_drake.apps.page import open_page
 from fmp_drake.errors import RunError
+from fmp_drake.primitives import Demonstration
 from fmp_drake.runs import RunLog, WipingRun
 from fmp_drake.runs.log import SIGNALS
 from fmp_drake.runs.simulation_loop import reset
+from fmp_drake.skills import scenario_skill
 from fmp_drake.station.scenario import LoadScenario, Scenario
 
 KEPT = ("measured_position", "state", "weights")
@@ -139,4 +141,48 @@ def test_force_is_compared_with_what_the_page_asks_for(wiping_skill):
     assert run.desired_force()[-1] == panel.shown["desired_force"] == 3
     assert run.log("normal_force")[-100:].mean() == pytest.approx(3, abs=1)
     assert run.metrics()["normal_force_wanted_fraction"] > 0.98
+    panel.close()
+
+
+def test_the_page_shows_the_force_that_the_skill_desires():
+    scenario = LoadScenario("pulsing_force")
+    skill, demonstrations, _ = scenario_skill(scenario)
+    panel = open_page(None)
+    run = WipingRun(
+        scenario,
+        skill,
+        demonstrations=demonstrations,
+        meshcat=panel.meshcat,
+        panel=panel,
+        keep=["desired_normal_force"],
+    )
+    for until in (0.5, 1.0, 1.5):
+        run.advance_to(until)
+        latest = run.desired_force()[-30:]
+        assert np.min(np.abs(latest - panel.shown["desired_force"])) < 0.05
+    assert np.ptp(run.desired_force()) > 2
+    panel.close()
+
+
+def test_only_what_was_learned_counts_as_the_demonstrated_area(wiping_skill):
+    # From far outside, where the eraser never wipes.
+    path = wiping_skill.paths_[0][:, :3]
+    border = np.linspace([-0.3, -0.3, 0.0], path[0], 100)
+    shown = Demonstration(
+        time=np.arange(100 + len(path)) / 20, values=np.vstack([border, path])
+    )
+    panel = open_page(None)
+    run = WipingRun(
+        LoadScenario("table_top"),
+        wiping_skill,
+        demonstrations=[shown],
+        meshcat=panel.meshcat,
+        panel=panel,
+    )
+    footprint = run.scenario.board_footprint()
+    expected = run.grid.swept_by([path], footprint)
+    assert_array_equal(run.demonstrated_area, expected)
+    run.advance_to(3.0)
+    cleaned = run.metrics()["cleaned_fraction_of_demonstrated_area"]
+    assert panel.shown["cleaned"] == pytest.approx(cleaned, abs=0.02)
     panel.close()

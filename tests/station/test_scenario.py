@@ -70,6 +70,24 @@ def test_numbers_may_be_written_without_a_point(write):
     assert LoadScenario(write("simulator: {accuracy: 1e-4}")).simulator.accuracy == 1e-4
 
 
+@pytest.mark.parametrize(
+    ("yaw", "expected"),
+    [(0.0, (0.12, 0.05)), (90.0, (0.05, 0.12)), (180.0, (0.12, 0.05))],
+)
+def test_the_footprint_on_the_board_follows_the_yaw_of_the_eraser(yaw, expected):
+    scenario = Scenario()
+    scenario.impedance.orientation = [np.pi, 0.0, np.deg2rad(yaw)]
+    assert scenario.board_footprint() == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_footprint_of_an_eraser_askew_is_the_rectangle_around_it():
+    scenario = Scenario()
+    scenario.impedance.orientation = [np.pi, 0.0, np.deg2rad(30)]
+    corners = [(x, y) for x in (-0.06, 0.06) for y in (-0.025, 0.025)]
+    turned = [scenario.eraser_orientation().multiply([x, y, 0.0]) for x, y in corners]
+    assert scenario.board_footprint() == pytest.approx(np.ptp(turned, axis=0)[:2])
+
+
 def test_name_and_path_mean_the_same():
     path = models_dir() / "scenarios" / "table_top.yaml"
     assert dump(LoadScenario(path)) == dump(LoadScenario("table_top"))

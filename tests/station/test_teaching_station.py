@@ -5,12 +5,14 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from pydrake.geometry import Meshcat
 from station_run import MILLISECOND, StationRun, check_limits
 
 from fmp_drake.errors import StationError
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.station.external_forces import (
     DemonstrationFromRecorder,
+    MouseOnPage,
     SimulatedHand,
 )
 from fmp_drake.station.scenario import LoadScenario, Scenario
@@ -164,3 +166,17 @@ def test_board_out_of_reach_is_refused():
     motion = HandMotion.make("eight", duration=1, seed=0)
     with pytest.raises(StationError, match="cannot bring the eraser to"):
         MakeStation(scenario, SimulatedHand(motion))
+
+
+def test_a_board_that_moves_is_not_taught_on_by_the_simulated_hand():
+    scenario = LoadScenario("moving_board")
+    hand = SimulatedHand(HandMotion.make("eight", duration=5, seed=0))
+    with pytest.raises(StationError, match=r"amplitude is 0\.06 m; .* Set it to 0"):
+        MakeStation(scenario, hand)
+
+
+def test_a_curved_board_that_moves_is_not_taught_on():
+    scenario = LoadScenario("polish_pipe")
+    scenario.board.motion.amplitude = 0.02
+    with pytest.raises(StationError, match=r"amplitude is 0\.02 m; .* Set it to 0"):
+        MakeStation(scenario, MouseOnPage(Meshcat()))

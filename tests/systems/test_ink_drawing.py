@@ -1,5 +1,7 @@
 """Facts about words and pictures as ink."""
 
+import re
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -55,6 +57,21 @@ def test_letters_have_the_given_height_around_the_middle():
     low, high = extent(turned)
     assert high[0] - low[0] == pytest.approx(0.1, abs=0.003)
     np.testing.assert_allclose(0.5 * (low + high), [0.0, 0.0], atol=0.003)
+
+
+def test_what_is_larger_than_the_board_is_refused_with_what_fits(tmp_path):
+    picture = tmp_path / "dark.png"
+    Image.new("L", (20, 10)).save(picture)
+    for draw in (
+        lambda size: draw_words(GRID, "HI", height=size, quarter_turns=0),
+        lambda size: draw_picture(GRID, picture, size=size, quarter_turns=0),
+    ):
+        with pytest.raises(SystemsError, match="larger than the board") as refusal:
+            draw(30.0)
+        largest = float(re.search(r"room for ([\d.]+) m", str(refusal.value))[1])
+        assert draw(0.99 * largest).any()
+        with pytest.raises(SystemsError, match="larger than the board"):
+            draw(1.01 * largest)
 
 
 def test_words_are_upright_and_not_mirrored():

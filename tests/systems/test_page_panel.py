@@ -3,8 +3,10 @@
 import contextlib
 import http.client
 import json
+import os
 import pickle
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -442,6 +444,25 @@ def test_the_panel_s_server_is_read_only(panel):
     connection.request("POST", "/panel", body="{}")
     assert connection.getresponse().status == 501
     connection.close()
+
+
+def test_a_server_that_stalls_gets_the_last_fields(panel):
+    (server,) = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+    for number in range(100):
+        panel.say(f"message {number}, which is rather long: {'x' * 60}")
+    os.kill(int(server), signal.SIGSTOP)
+    try:
+        for number in range(40):
+            panel.show(mode=f"number {number}")
+    finally:
+        os.kill(int(server), signal.SIGCONT)
+    deadline = time.monotonic() + 20
+    mode = ""
+    while mode != "the last" and time.monotonic() < deadline:
+        panel.show(mode="the last")
+        time.sleep(0.1)
+        mode = next(told(panel))["mode"]
+    assert mode == "the last"
 
 
 def test_closing_ends_the_server_and_the_connections(panel):

@@ -214,14 +214,14 @@ def clean_board(
         `force_near`, fraction of the time within 5 N of the desired force.
     """
     scenario = LoadScenario(_SCENARIO)
-    reach = np.array(scenario.board.size) / 2 - np.array(scenario.eraser.footprint) / 2
+    reach = np.array(scenario.board.size) / 2 - np.array(scenario.board_footprint()) / 2
     if not np.all(np.isfinite(path)) or np.any(np.abs(path[:, :2]) > reach):
         raise DemonstrationError("the path leaves the board.")
     builder = DiagramBuilder()
     trajectory = _accelerated_path(path, duration)
     station = _add_station(builder, scenario, trajectory)
     ink_board: Any = station.GetSubsystemByName("ink_board")
-    area = ink_board.grid.swept_by(demonstrated, tuple(scenario.eraser.footprint))
+    area = ink_board.grid.swept_by(demonstrated, scenario.board_footprint())
     simulator = Simulator(builder.Build())
     context = station.GetMyContextFromRoot(simulator.get_context())
 

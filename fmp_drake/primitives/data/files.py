@@ -187,10 +187,8 @@ def keep_earlier_files(series: Path, single: Path) -> list[str]:
     FmpError
         If a file cannot be renamed.
     """
-    count = 0
-    while numbered(series, count + 1)[-1].exists():
-        count += 1
-    old = [path for path in (*numbered(series, count), single) if path.exists()]
+    beside = sorted(series.absolute().parent.iterdir())
+    old = [p for p in beside if is_numbered(p, series) or p == single.absolute()]
     for number in itertools.count(1):
         new = [p.with_name(f"{p.stem}.{number}{p.suffix}") for p in old]
         if not any(path.exists() for path in new):

@@ -21,13 +21,13 @@ from fmp_drake.station.reach.tracking_prediction import (
     TrackingPredictor,
     lengths,
 )
-from fmp_drake.station.robots.joint_inertia import CheckJointInertia
 from fmp_drake.station.robots.robot import (
     CollectCollisionSpheres,
     LoadRobot,
     MakeRobotModel,
     RobotConfig,
 )
+from fmp_drake.station.robots.stability import CheckStability
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.surface.surface import PLANE, Surface, place, rotations
@@ -188,7 +188,7 @@ class BoardReach:
         self._scenario, self._bounds = scenario, bounds
         config = LoadRobot(scenario.robot)
         self._model = model = MakeRobotModel(config, scenario.held_tool())
-        CheckJointInertia(model, scenario.impedance)
+        CheckStability(model, scenario.impedance, delay=scenario.sensors.delay)
         self._contact = NO_CONTACT
         if scenario.has_board:
             felt = FeltForceLimit(scenario.eraser) / FELT_DEPTH

@@ -55,8 +55,9 @@ class Wiping(Task):
             )
             if scenario.skill.candidates == 1:
                 return measured
-            x, y = scenario.eraser.footprint
-            ink = builder.AddSystem(WipedArea(BoardGrid(scenario), footprint=(x, y)))
+            ink = builder.AddSystem(
+                WipedArea(BoardGrid(scenario), footprint=scenario.board_footprint())
+            )
             builder.Connect(measured.normal_force, ink.GetInputPort("normal_force"))
             return replace(
                 measured,

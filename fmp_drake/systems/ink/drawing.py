@@ -96,8 +96,14 @@ def draw_words(
     points = np.concatenate(outlines)
     low, high = points.min(axis=0), points.max(axis=0)
     available, pitch, shape = _canvas(grid, quarter_turns)
+    largest = float(np.min(available / (high - low)))
     if height is None:
-        height = float(np.min(available / (high - low)))
+        height = largest
+    elif height > (largest := largest / (1 - 2 * MARGIN)):
+        raise SystemsError(
+            f"words of a height of {height:g} m are larger than the board; it has room for "
+            f"{largest:.3g} m."
+        )
     middle = 0.5 * (low + high)
     canvas = np.zeros(shape, dtype=bool)
     size = np.array(canvas.shape[::-1])
@@ -149,8 +155,14 @@ def draw_picture(
         check_number(size, "size", above=0, unit="m", error=SystemsError)
     picture = _read(Path(path))
     available, pitch, shape = _canvas(grid, quarter_turns)
+    largest = float(min(available[0], available[1] * picture.width / picture.height))
     if size is None:
-        size = float(min(available[0], available[1] * picture.width / picture.height))
+        size = largest
+    elif size > (largest := largest / (1 - 2 * MARGIN)):
+        raise SystemsError(
+            f"a picture of a width of {size:g} m is larger than the board; it has room for "
+            f"{largest:.3g} m."
+        )
     extent = np.array([size, size * picture.height / picture.width])
     pixels = np.maximum(np.rint(extent * _FINE / pitch), 1).astype(int)
     small = picture.resize((int(pixels[0]), int(pixels[1])), Image.Resampling.BOX)

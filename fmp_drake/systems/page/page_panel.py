@@ -229,15 +229,21 @@ class PagePanel:
             self.close()
             raise SystemsError(f"the page cannot be served at {host}: {port}")
         os.set_blocking(self._pipe.fileno(), False)
+        self._unsent = b""
         name = "localhost" if host in ("*", "0.0.0.0") else host
         self.url = f"http://{name}:{port}/?token={token}&tracked_camera=on"
 
     def show(self, **fields: Unpack[PanelFields]) -> None:
         """Show these fields from now on; the others stay as they are."""
         self.shown = {**self.shown, **fields}
-        # Where the server is too slow to read it, the next message has all fields.
+        # Where the server is too slow to read it, the next message has all fields. What was
+        # written in part is completed first.
+        message = json.dumps(self.shown).encode() + b"\n"
         with contextlib.suppress(BlockingIOError, BrokenPipeError, ValueError):
-            os.write(self._pipe.fileno(), json.dumps(self.shown).encode() + b"\n")
+            for data in (self._unsent, message):
+                self._unsent = data[os.write(self._pipe.fileno(), data) :]
+                if self._unsent:
+                    break
 
     def say(self, text: str, *, level: Level = "idle") -> None:
         """Show a message, and keep it in the log of the page."""

@@ -413,7 +413,8 @@ def _main() -> None:
     threading.Thread(target=server.serve_forever, daemon=True).start()
     _answer(str(server.server_port))
     for line in sys.stdin:
-        panel.put(json.loads(line))
+        with contextlib.suppress(ValueError):  # The last one may be incomplete.
+            panel.put(json.loads(line))
     if panel.fields.get("ended"):
         # Until browsers have received the last fields.
         time.sleep(3 * _PAUSE)

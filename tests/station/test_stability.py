@@ -1,4 +1,4 @@
-"""Facts about joints that are too light for a sampled controller."""
+"""Facts about the stability of a sampled controller, and of one with delayed sensors."""
 
 import re
 
@@ -10,8 +10,13 @@ from pydrake.systems.framework import DiagramBuilder
 from fmp_drake.errors import StationError
 from fmp_drake.station import LoadRobot, Scenario, models_dir
 from fmp_drake.station.board_scene import AddBoardScene
-from fmp_drake.station.robots.joint_inertia import CheckJointInertia, stability_ratio
 from fmp_drake.station.robots.robot import MakeRobotModel
+from fmp_drake.station.robots.stability import (
+    CheckStability,
+    stability_limit,
+    stability_ratio,
+)
+from fmp_drake.station.scenario_parts import SensorConfig
 from fmp_drake.systems import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import (
     JointLimits,
@@ -63,6 +68,38 @@ def test_the_least_inertia_in_a_spring_is_that_of_a_simulated_loop(damping_ratio
     assert_allclose(edge(bound, 1e-6, 1e-1), least, rtol=0.05)
     largest = 2 * damping_ratio / (1 + 4 * damping_ratio**2)
     assert_allclose(stiffness * PERIOD**2 / largest**2, least, rtol=0.05)
+
+
+def decays_with(delay, damping_ratio, frequency=25.0):
+    """Return whether a spring with a delay (s) comes to rest."""
+    step, x, v, peaks = 1e-4, 1.0, 0.0, []
+    history = [(x, v)] * (round(delay / step) + 1)
+    for _ in range(40_000):
+        old_x, old_v = history.pop(0)
+        v -= step * (2 * damping_ratio * frequency * old_v + frequency**2 * old_x)
+        x += step * v
+        history.append((x, v))
+        peaks.append(abs(x))
+    return max(peaks[-10_000:]) < 0.5 * max(peaks[5_000:15_000])
+
+
+@pytest.mark.parametrize("damping_ratio", [0.3, 0.7, 1.0, 2.0])
+def test_the_longest_delay_of_a_spring_is_that_of_a_simulated_loop(damping_ratio):
+    limit = stability_limit(25.0**2, damping_ratio)
+    assert decays_with(0.9 * limit, damping_ratio)
+    assert not decays_with(1.1 * limit, damping_ratio)
+
+
+@pytest.mark.parametrize(
+    ("robot", "longest"), [("panda", 0.015), ("iiwa14", 0.01), ("ur5e", 0.011)]
+)
+def test_a_delay_that_makes_the_arm_oscillate_is_refused(robot, longest):
+    sensors = SensorConfig(rate=1000.0, delay=longest - 0.0015)
+    scenario = Scenario(robot=robot, sensors=sensors)
+    AddBoardScene(DiagramBuilder(), scenario, start=[0, 0, 0.05])
+    sensors.delay = 0.025
+    with pytest.raises(StationError, match=f"at most {longest:g} s with this arm"):
+        AddBoardScene(DiagramBuilder(), scenario, start=[0, 0, 0.05])
 
 
 def wall_of(effort):
@@ -157,25 +194,25 @@ def test_inertias_that_are_negative_or_too_few_are_refused(tmp_path, line):
 
 def test_a_joint_just_below_its_least_inertia_is_refused(tmp_path):
     with pytest.raises(StationError, match=r"ur5e_joint6 .* at least") as refusal:
-        CheckJointInertia(own(tmp_path, "reflected_inertia: [0]"), ImpedanceConfig())
+        CheckStability(own(tmp_path, "reflected_inertia: [0]"), ImpedanceConfig())
     needed = float(re.search(r"at least ([\d.]+) kg", str(refusal.value))[1])
     enough = own(tmp_path, f"reflected_inertia: [{1.1 * needed}]")
-    CheckJointInertia(enough, ImpedanceConfig())
+    CheckStability(enough, ImpedanceConfig())
     with pytest.raises(StationError, match="ur5e_joint6"):
-        CheckJointInertia(enough, ImpedanceConfig(control_period=0.0012))
+        CheckStability(enough, ImpedanceConfig(control_period=0.0012))
     few = own(tmp_path, f"reflected_inertia: [{0.8 * needed}]")
     with pytest.raises(StationError, match="ur5e_joint6"):
-        CheckJointInertia(few, ImpedanceConfig())
+        CheckStability(few, ImpedanceConfig())
 
 
 def test_springs_of_the_tool_need_inertia_too(tmp_path):
     robot = own(tmp_path, "reflected_inertia: [0.01]")
-    CheckJointInertia(robot, ImpedanceConfig())
+    CheckStability(robot, ImpedanceConfig())
     with pytest.raises(StationError, match="reflected_inertia"):
-        CheckJointInertia(robot, ImpedanceConfig(damping_ratio=0.02))
+        CheckStability(robot, ImpedanceConfig(damping_ratio=0.02))
 
 
 def test_a_control_period_that_no_inertia_makes_stable_is_refused():
     robot = MakeRobotModel(LoadRobot("panda"))
     with pytest.raises(StationError, match=r"control_period is 0\.01 s"):
-        CheckJointInertia(robot, ImpedanceConfig(control_period=0.01))
+        CheckStability(robot, ImpedanceConfig(control_period=0.01))
