@@ -83,13 +83,11 @@ def _paired_means(
     ours, theirs = (_place_values(scores[name], measure) for name in (method, other))
     means = {}
     for case, places in ours.items():
-        common = [place for place in places if place in theirs.get(case, {})]
-        if common:
-            mean, base = (
-                fmean(values[case][place] for place in common)
-                for values in (ours, theirs)
-            )
-            means[case] = mean, base
+        others = theirs.get(case, {})
+        pairs = [(places[place], others[place]) for place in places if place in others]
+        if pairs:
+            mean, other_mean = map(fmean, zip(*pairs, strict=True))
+            means[case] = mean, other_mean
     return means
 
 
@@ -183,11 +181,8 @@ def _wins(
     scores: _Scores, measure: str, best: Callable[[Iterable[float]], float]
 ) -> str:
     """Return a sentence that counts the cases no worse than the best simple method."""
-    names = [
-        name
-        for name in (ReplayMethod.name, DelayGP.name, PeriodicGP.name)
-        if name in scores
-    ]
+    simple = (ReplayMethod.name, DelayGP.name, PeriodicGP.name)
+    names = [name for name in simple if name in scores]
     pairs: dict[_Case, list[bool]] = {}
     for name in names:
         paired = _paired_means(scores, FMP.name, name, measure)

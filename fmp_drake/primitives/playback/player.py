@@ -183,10 +183,8 @@ class Player:
         if target is not None:
             if sample:
                 raise SkillError("give either a target or sample=True, not both.")
-            target = finite_array(
-                target, "the target", (skill.components_[0].dim,)
-            ).copy()
-        self._target = target
+            target = finite_array(target, "the target", (skill.components_[0].dim,))
+        self._target = None if target is None else target.copy()
         tracker = LqrTracker() if tracker is None else tracker
         if not hasattr(tracker, "relaxation"):
             raise SkillError(f"tracker is {tracker!r}; give one such as LqrTracker().")
