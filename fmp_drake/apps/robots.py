@@ -22,21 +22,26 @@ def robots(files: tuple[str, ...]) -> None:
     table = Table(show_header=True, box=None, padding=(0, 2, 0, 0))
     for column in ("robot", "joints", "mass", "reach", ""):
         table.add_column(column, overflow="fold")
-    too_light = []
+    problems = []
     for name in files or ListRobots():
         config = LoadRobot(name)
         robot = MakeRobotModel(config)
         try:
             CheckStability(robot, ImpedanceConfig())
         except StationError as error:
-            too_light.append(str(error))
+            problems.append(str(error))
         context = robot.plant.CreateDefaultContext()
         mass = robot.plant.CalcTotalMass(context, [robot.arm])
+        try:
+            reach = f"{FindLevelReach(robot):.2f} m"
+        except StationError as error:
+            reach = "none"
+            problems.append(str(error))
         table.add_row(
             Text(Path(name).stem, style="bold"),
             str(len(config.posture)),
             f"{mass:.1f} kg",
-            f"{FindLevelReach(robot):.2f} m",
+            reach,
             config.description,
         )
     console.print(table)
@@ -44,6 +49,6 @@ def robots(files: tuple[str, ...]) -> None:
         "reach: greatest distance in front of the base at which the eraser can lie level on "
         "a table"
     )
-    for message in too_light:
+    for message in problems:
         console.print(message, soft_wrap=True)
     print_next(console, "wipe", "--robot", files[0] if files else "NAME")

@@ -86,3 +86,22 @@ def test_another_robot_is_checked_with_its_own_posture(command, tmp_path):
 )
 def test_arm_behind_panda_messages_must_be_a_panda(refused, arguments):
     assert "is simulated only; the arm behind LCM is a Panda" in refused(*arguments)
+
+
+def test_an_arm_that_reaches_no_table_is_listed_all_the_same(command, tmp_path):
+    text = (models_dir() / "panda" / "panda.yaml").read_text()
+    urdf = next((models_dir() / "panda").glob("*.urdf"))
+    text = text.replace(urdf.name, str(urdf))
+    pose = "base_pose: {translation: [0, 0, 1.9], rpy: [3.141592653589793, 0, 0]}"
+    text = "\n".join(row for row in text.splitlines() if "base_pose" not in row)
+    (tmp_path / "ceiling.yaml").write_text(f"{text}\n{pose}\n")
+    result = command("robots", tmp_path / "ceiling.yaml")
+    assert result.code == 0
+    assert result.out.splitlines()[1].split()[:5] == [
+        "ceiling",
+        "7",
+        "16.6",
+        "kg",
+        "none",
+    ]
+    assert "cannot hold the eraser level anywhere" in result.out

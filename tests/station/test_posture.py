@@ -9,7 +9,11 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.errors import StationError
-from fmp_drake.station.reach.posture import FindLevelReach, SolvePosture
+from fmp_drake.station.reach.posture import (
+    FindLevelReach,
+    SolvePosture,
+    SolveStartPosture,
+)
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot, MakeRobotModel
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import PoseConfig
@@ -134,3 +138,14 @@ def test_place_that_is_not_finite_is_refused(arm, bad):
 def test_preferred_posture_of_another_arm_is_refused(arm, preferred, complaint):
     with pytest.raises(StationError, match=complaint):
         solve(arm, RigidTransform(DOWN, MIDDLE), preferred)
+
+
+def test_a_posture_in_degrees_is_refused_with_its_joint_and_range():
+    scenario = Scenario(posture=[0.0, -45.0, 0.0, -135.0, 0.0, 90.0, 45.0])
+    model = MakeRobotModel(LoadRobot("panda"), scenario.held_tool())
+    with pytest.raises(
+        StationError, match=r"posture has -45 for panda_joint2, whose range is -1\.76"
+    ):
+        SolveStartPosture(scenario, model, scenario.start)
+    scenario.posture = np.deg2rad(scenario.posture).tolist()
+    assert SolveStartPosture(scenario, model, scenario.start).shape == (7,)

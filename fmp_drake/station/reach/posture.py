@@ -115,14 +115,24 @@ def SolveStartPosture(scenario: Scenario, model: Robot, start: ArrayLike) -> Arr
     Raises
     ------
     StationError
-        Where the arm cannot reach the start.
+        Where the arm cannot reach the start, or the scenario's posture is out of range.
     """
     X_WB = scenario.board.assumed_pose() @ scenario.board.start_displacement()
+    preferred = scenario.preferred_posture()
+    limits = model.plant.GetPositionLowerLimits(), model.plant.GetPositionUpperLimits()
+    for name, angle, low, high in zip(
+        model.joint_names, preferred, *limits, strict=True
+    ):
+        if not low <= angle <= high:
+            raise StationError(
+                f"posture has {angle:g} for {name}, whose range is {low:g} to {high:g} rad; "
+                "choose an angle in it."
+            )
     return SolvePosture(
         model.plant,
         frame=model.tip,
         X_WE=X_WB @ scenario.eraser_pose(start),
-        q_preferred=scenario.preferred_posture(),
+        q_preferred=preferred,
         spring_width=scenario.impedance.walls.width,
     )
 
