@@ -3,6 +3,7 @@
 import functools
 import pickle
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -219,13 +220,14 @@ def test_positions_that_are_missed_for_moments_are_judged_by_the_tracking_error(
 
 @pytest.mark.usefixtures("no_remedy")
 def test_tilts_for_moments_are_judged_by_their_rms():
-    # 0.032 rad; its run followed to 9.0 mm.
+    # 0.032 rad; its run followed to 9.0 mm, within 5 N for 97 % of the time.
     trial = TrialSpec.load("default").draw(seed=2468, number=72)
     scenario = ParseScenario(trial.scenario)
     skill, _ = shared_skill(scenario)
-    assert CheckFeasibility(scenario, skill).is_feasible
-    for bounds in FollowingBounds(tilt_error=0.03), FollowingBounds(steepest=0.1):
-        found = CheckFeasibility(scenario, skill, bounds=bounds)
+    bounds = FollowingBounds(unsteady=0.01)  # The force is not what is judged.
+    assert CheckFeasibility(scenario, skill, bounds=bounds).is_feasible
+    for changed in {"tilt_error": 0.03}, {"steepest": 0.1}:
+        found = CheckFeasibility(scenario, skill, bounds=replace(bounds, **changed))
         assert "of the path is out of reach" in found.verdict
 
 

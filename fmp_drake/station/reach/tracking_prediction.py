@@ -15,6 +15,9 @@ from fmp_drake.systems.interface.arm_model import ArmModel
 # (rad/s)². Elsewhere the corrections leave an error of less than 0.5 mm.
 _DAMPING = 6.0
 _CORRECTIONS, _LONGEST_STEP = 5, 0.15  # rad
+# Further ones where the last step was longer than this, rad, and the eraser nearly there, in rad
+# and m.
+_FURTHER_CORRECTIONS, _CONVERGED, _NEAR = 6, 0.003, (0.05, 0.01)
 # Samples from the arm's posture to the start of a path, and at rest there.
 _LEAD_IN, _SETTLE = 16, 12
 
@@ -37,7 +40,7 @@ class PredictedMotion(NamedTuple):
         Jacobian of the eraser's twist in the board's axes, rotation first.
     error : array, shape (B, T, 6)
         From the predicted to the desired pose, in the board's axes: rotation in rad, then
-        translation in m.
+        translation in m. Where more time would remove a small one, what would remain.
     manipulability : array, shape (B, T)
         ``sqrt(det(J Jᵀ))``, m³.
     """
@@ -156,19 +159,7 @@ class TrackingPredictor:
             q = q + step * u
             for _ in range(_CORRECTIONS):
                 pose_error = _errors(self._poses(q), path[:, k], R_WE[:, i])
-                dq = _limited(times(inverse, pose_error), _LONGEST_STEP)
-                # Other joints compensate for a joint at its limit.
-                limited = np.clip(q + dq, lower, upper)
-                is_free = limited == q + dq
-                rows = ~np.all(is_free, axis=-1)
-                if np.any(rows):
-                    free, J_rows = is_free[rows], J[rows]
-                    fixed = np.where(free, 0.0, (limited - q)[rows])
-                    rest = pose_error[rows] - times(J_rows, fixed)
-                    inverse_rows = _inverse(M[rows], J_rows, damping[rows], free)
-                    dq[rows] = fixed + _limited(
-                        times(inverse_rows, rest), _LONGEST_STEP
-                    )
+                dq = _correction(q, pose_error, M, J, damping, inverse, lower, upper)
                 q = np.clip(q + dq, lower, upper)
             v, before = (q - before) / step, q
             M, Cv, X, J = self._read(q, v)
@@ -179,6 +170,13 @@ class TrackingPredictor:
                 stiffness[:, 5] = normal + contact.stiffness * is_closed
             damping = _damping(stiffness, R_WB[:, i])
             inverse = _inverse(M, J, damping)
+            is_moving = np.linalg.norm(dq, axis=-1) > _CONVERGED
+            is_near = np.all(np.linalg.norm(error, axis=-1) < _NEAR, axis=-1)
+            rows = np.flatnonzero(is_moving & is_near)
+            if len(rows):
+                target = path[rows, k], R_WE[rows, i]
+                X = self._settled(q[rows], *target, damping[rows], lower, upper)
+                error[rows] = _errors(X, *target).reshape(-1, 2, 3) @ R_WB[rows, i]
             J_B = R_WB[:, i, None].mT @ J.reshape(len(J), 2, 3, -1)
             squared = np.maximum(np.linalg.det(J @ J.mT), 0.0)
             samples.append((q, v, M, Cv, J_B.reshape(J.shape), error, np.sqrt(squared)))
@@ -188,6 +186,28 @@ class TrackingPredictor:
         torque = times(M, np.diff(v, axis=1, prepend=v[:, :1]) / step) + Cv
         error = error.reshape(*error.shape[:2], 6)
         return PredictedMotion(q, v, torque, M, J, error, size)
+
+    def _settled(
+        self,
+        q: Array,
+        p_WE: Array,
+        R_WE: Array,
+        damping: Array,
+        lower: Array,
+        upper: Array,
+    ) -> Array:
+        """Return X_WE (B, 3, 4) after further corrections of configurations (B, n).
+
+        What remains of an error is out of reach.
+        """
+        for _ in range(_FURTHER_CORRECTIONS):
+            M, _, X, J = self._read(q, np.zeros_like(q))
+            inverse = _inverse(M, J, damping)
+            dq = _correction(
+                q, _errors(X, p_WE, R_WE), M, J, damping, inverse, lower, upper
+            )
+            q = np.clip(q + dq, lower, upper)
+        return self._poses(q)
 
     def _read(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M (B, n, n), Cv - g (B, n), X_WE (B, 3, 4) and J (B, 6, n) in W."""
@@ -220,6 +240,33 @@ def _errors(X_WE: Array, p_WE: Array, R_WE: Array) -> Array:
     """Return the errors from poses (B, 3, 4) to desired ones, in W, shape (B, 6)."""
     rotations = [rotation_vector(R) for R in R_WE @ X_WE[..., :3].mT]
     return np.concatenate([rotations, p_WE - X_WE[..., 3]], axis=1)
+
+
+def _correction(
+    q: Array,
+    pose_error: Array,
+    M: Array,
+    J: Array,
+    damping: Array,
+    inverse: Array,
+    lower: Array,
+    upper: Array,
+) -> Array:
+    """Return the step (B, n) that reduces pose errors (B, 6), within the joints' limits.
+
+    Other joints compensate for a joint at its limit.
+    """
+    dq = _limited(times(inverse, pose_error), _LONGEST_STEP)
+    limited = np.clip(q + dq, lower, upper)
+    is_free = limited == q + dq
+    rows = ~np.all(is_free, axis=-1)
+    if np.any(rows):
+        free, J_rows = is_free[rows], J[rows]
+        fixed = np.where(free, 0.0, (limited - q)[rows])
+        rest = pose_error[rows] - times(J_rows, fixed)
+        inverse_rows = _inverse(M[rows], J_rows, damping[rows], free)
+        dq[rows] = fixed + _limited(times(inverse_rows, rest), _LONGEST_STEP)
+    return dq
 
 
 def _damping(stiffness: Array, R_WB: Array) -> Array:
