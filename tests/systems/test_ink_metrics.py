@@ -11,6 +11,7 @@ from fmp_drake.systems.ink.grid import (
     missed_spots,
     times_to_clean,
 )
+from fmp_drake.systems.surface.surface import Surface
 
 GRID = InkGrid(size=(0.10, 0.06), cell=0.01)
 EVERYWHERE = np.ones(GRID.shape, dtype=bool)
@@ -32,6 +33,23 @@ def test_spots_are_groups_that_touch_even_at_corners():
     assert spots.area_cm2 == pytest.approx(5.0)
     assert spots.largest_cm2 == pytest.approx(3.0)
     assert spots.cleaned_fraction == 1.0 - 5.0 / 60.0
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_spot_across_the_seam_of_a_pipe_is_one(axis):
+    curvature = [0.0, 0.0]
+    curvature[axis] = 2 * np.pi / (0.10, 0.06)[axis]
+    pipe = InkGrid(size=(0.10, 0.06), cell=0.01, curvature=Surface(*curvature))
+    for across, along, joined in ((0, 0, True), (1, 2, True), (1, 3, False)):
+        ink = np.zeros(GRID.shape)
+        view = ink if axis == 1 else ink.T
+        view[0, 1] = view[-1, 1 + along - across] = 0.5
+        view[2, 4] = 0.5
+        spots = missed_spots(ink, EVERYWHERE, grid=pipe)
+        assert spots.count == (2 if joined else 3)
+        assert spots.largest_cm2 == pytest.approx(2.0 if joined else 1.0)
+        assert spots.area_cm2 == pytest.approx(3.0)
+        assert missed_spots(ink, EVERYWHERE, grid=GRID).count == 3
 
 
 def test_only_spots_of_the_area_count():

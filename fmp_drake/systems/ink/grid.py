@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from fmp_drake.compiled import compiled
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array, Mask, as_floats, check_number, read_only
+from fmp_drake.numeric import Array, Indices, Mask, as_floats, check_number, read_only
 from fmp_drake.primitives import PlaybackState, Player
 from fmp_drake.primitives.model.region import densified
 from fmp_drake.systems.surface.surface import PLANE, Surface
@@ -283,17 +283,28 @@ def missed_spots(ink: ArrayLike, mask: ArrayLike, *, grid: InkGrid) -> MissedSpo
     """
     values = grid.cells("ink", np.asarray(ink, dtype=float))
     area = grid.cells("mask", np.asarray(mask, dtype=bool))
-    labels, count = ndimage.label(
-        area & (values >= CLEAN_BELOW), structure=_ALL_NEIGHBOURS
-    )
+    labels, _ = ndimage.label(area & (values >= CLEAN_BELOW), structure=_ALL_NEIGHBOURS)
+    for axis in (0, 1):
+        if grid.is_wound(axis):
+            _join_at_seam(np.moveaxis(labels, 1 - axis, 0))
     cells = np.bincount(labels.ravel())[1:]
     cell_cm2 = 1e4 * float(np.prod(grid.pitch))
     return MissedSpots(
         cleaned_fraction=cleaned_fraction(values, area),
-        count=int(count),
+        count=int(np.count_nonzero(cells)),
         area_cm2=cell_cm2 * int(cells.sum()),
         largest_cm2=cell_cm2 * int(cells.max(initial=0)),
     )
+
+
+def _join_at_seam(labels: Indices) -> None:
+    """Give spots that touch at the ends of the first axis one label, in place."""
+    count = labels.shape[1]
+    for i in range(count):
+        for j in range(max(i - 1, 0), min(i + 2, count)):
+            one, other = labels[0, i], labels[-1, j]
+            if one > 0 and other > 0:
+                labels[labels == other] = one
 
 
 def cleaned_history(
