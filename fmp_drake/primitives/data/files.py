@@ -187,8 +187,10 @@ def keep_earlier_files(series: Path, single: Path) -> list[str]:
     FmpError
         If a file cannot be renamed.
     """
-    beside = sorted(series.absolute().parent.iterdir())
-    old = [p for p in beside if is_numbered(p, series) or p == single.absolute()]
+    beside = sorted(series.absolute().parent.glob("*"))
+    old = [path for path in beside if is_numbered(path, series)]
+    if single.exists():
+        old.append(single)
     for number in itertools.count(1):
         new = [p.with_name(f"{p.stem}.{number}{p.suffix}") for p in old]
         if not any(path.exists() for path in new):
