@@ -337,9 +337,9 @@ def _cleaning(scores: _Scores, recording: str) -> Finding:
         name=f"benchmark_cleaning_{recording}",
         title=f"Task: times in which the methods clean the board, {recording}",
         shows=f"Learned from {cycles} cycles of {recording}; the same station follows the "
-        f"path of each method for {', '.join(sorted(durations))}. Each seed starts from other samples of the recording. Times "
-        "refer to the area that the whole recording sweeps. Mean and standard deviation over "
-        "runs; 'never' counts runs that do not reach it.",
+        f"path of each method for {', '.join(sorted(durations))}. Each seed starts from other "
+        "samples of the recording. Times refer to the area that the whole recording sweeps. "
+        "Mean and standard deviation over runs; 'never' counts runs that do not reach it.",
         figure=figure,
         table=table,
     )

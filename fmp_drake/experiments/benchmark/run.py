@@ -294,9 +294,9 @@ def score_predictions(
     Returns
     -------
     dict of str to float or None
-        `error_mm`, rms over the next second, at least a nanometre; `log_density`, nats per sample, mean over
-        the second; `inside_5`, `inside_10`, `inside_20`, fractions of true samples in the
-        95 % ellipsoids. None where the method has no uncertainty.
+        `error_mm`, rms over the next second, at least a nanometre; `log_density`, nats per
+        sample, mean over the second; `inside_5`, `inside_10`, `inside_20`, fractions of true
+        samples in the 95 % ellipsoids. None where the method has no uncertainty.
     """
     mean_squares, densities, coverage = [], [], []
     for past, truth in prediction_instants(split.held_out, count):

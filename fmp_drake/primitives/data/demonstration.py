@@ -218,7 +218,8 @@ class Demonstration:
     def split_at_gaps(self, rate: float) -> list["Demonstration"]:
         """Return the parts between gaps that are too long to interpolate.
 
-        Parts of fewer than 4 samples, also at the rate, are left out. Skills are learned from such parts.
+        Parts of fewer than 4 samples, also at the rate, are left out. Skills are learned from
+        such parts.
 
         Parameters
         ----------

@@ -82,9 +82,10 @@ def CheckStability(
 ) -> None:
     """Check that the controller is stable at its period and with the delay of its sensors.
 
-    No joint may be too light for it: the springs at the joint limits and those of the tool make a light joint oscillate with
+    The springs at the joint limits and those of the tool make a light joint oscillate with
     a growing amplitude, see `stability_ratio`. A model without the inertia of its motors
-    has such joints in its wrist.
+    has such joints in its wrist. A long delay does the same to the arm, see
+    `stability_limit`.
 
     Parameters
     ----------
