@@ -4,7 +4,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from fmp_drake.apps.arm_console import arm_config
+from fmp_drake.apps.arm_console import ARM_MODEL, arm_config
 from fmp_drake.apps.options import (
     LearningOptions,
     RecordingOptions,
@@ -55,6 +55,7 @@ def check(
         demonstrations=scene.demonstrations,
         skill_file=scene.skill_file,
         reading=recording.reading(),
+        model=None if arm is None else ARM_MODEL,
         **vars(learning),
     )
     scene.check(scenario, skill)

@@ -367,7 +367,7 @@ class LearningOptions:
     )
     window: float | None = option(
         None,
-        "Length of a window, s: one or more periods [default: follows the period, at most 6].",
+        "Length of a window, s: one or more periods [default: 6, in learn fewer where the period is shorter].",
         basic=False,
     )
     stretch: float = option(

@@ -1,6 +1,6 @@
 """Results of a run: a table in the terminal, and files."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -42,8 +42,8 @@ class RunFiles:
         None, "Block diagram of the station (.svg, .png, .dot).", basic=False
     )
 
-    def check(self, *, of_arm: bool) -> None:
-        """Check before a run that the files can be written."""
+    def check(self, *, of_arm: bool, inputs: Iterable[Path | None]) -> None:
+        """Check before a run that the files can be written, and are none of the inputs."""
         check_writable(self.html, "a page", [".html"])
         check_writable(self.report, "a report", [".json"])
         check_picture(self.plot)
@@ -60,6 +60,9 @@ class RunFiles:
         for path in paths:
             if paths.count(path) > 1:
                 raise RunError(f"{path} is named twice; give each output its own file.")
+        for read in inputs:
+            if read is not None and read.resolve() in paths:
+                raise RunError(f"{read} is read; give the output a file of its own.")
         if of_arm and any((self.html, self.video, self.plot, self.log, self.graphviz)):
             raise RunError(
                 "with --arm only --report can be written; leave out --html, --video, "

@@ -20,9 +20,10 @@ from fmp_drake.apps.options import (
     option,
 )
 from fmp_drake.apps.page import ended_page, get_ready, make_console, open_page
-from fmp_drake.errors import StationError
+from fmp_drake.apps.terminal import has_terminal
+from fmp_drake.errors import FmpError, StationError
 from fmp_drake.primitives import save_skill
-from fmp_drake.primitives.data.files import check_writable
+from fmp_drake.primitives.data.files import check_writable, keep_earlier_files
 from fmp_drake.runs import ArmRun, TeachingSession
 from fmp_drake.runs.teach_page import TeachPage
 from fmp_drake.runs.teaching_session import check_names
@@ -69,8 +70,14 @@ def teach(to: TeachOptions) -> None:
     scene = to.load()
     check_names(scene, to.out, to.skill_file)
     if to.arm is not None:
+        if to.duration is None and not has_terminal():
+            raise FmpError(
+                "without a terminal nothing ends the recording: give --duration."
+            )
         config = arm_config(to.arm)
         demonstration = guide_arm(console, scene, config, to.duration or inf)
+        if kept := keep_earlier_files(to.out, to.skill_file):
+            console.print(f"earlier files are now {', '.join(kept)}")
         demonstration.save(to.out)
         skill = learn_skill(
             [demonstration],

@@ -163,7 +163,8 @@ def wipe(
 ) -> None:
     """Learn a skill from a demonstration and play it: wipe a board, or follow a motion."""
     console = make_console()
-    files.check(of_arm=arm.arm is not None)
+    inputs = (*scene.demonstrations, scene.skill_file, Path(scene.scenario))
+    files.check(of_arm=arm.arm is not None, inputs=inputs)
     arm.check(play)
     scenario = scene.load()
     for part in page.hide:

@@ -80,7 +80,7 @@ def worlds(
     report is written again, or one trial is run again.
     """
     console = make_console()
-    check_writable(output.parquet)
+    check_writable(output.parquet, "a table", [".parquet"])
     check_writable(one.html, "a page", [".html"])
     check_writable(output.markdown, "Markdown", [".md"])
     check_film(one.video)

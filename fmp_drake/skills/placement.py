@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
-from fmp_drake.numeric import Array, check_number
+from fmp_drake.numeric import Array, check_number, finite_array
 from fmp_drake.primitives import Demonstration, ReadingOptions, read_demonstrations
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
@@ -436,9 +436,10 @@ def place_on_board(
     part = (rhythm.get("start_time"), rhythm.get("end_time"))
     check_width(*cut_demonstrations([demonstration], *part, DEFAULT_RATE))
     if transform is not None:
+        pose = finite_array(transform, "the transform", (6,), error=DemonstrationError)
         placement = Placement(
-            rotation=Rotation.from_euler("xyz", transform[3:]).as_matrix(),
-            translation=np.array(transform[:3]),
+            rotation=Rotation.from_euler("xyz", pose[3:]).as_matrix(),
+            translation=pose[:3],
         )
         return placement.apply(demonstration), remarks
     if demonstration.frame == "board":

@@ -55,9 +55,10 @@ class FourierPrimitiveSystem(LeafSystem):
     event. At initialisation the measured position is mapped to weights (Algorithm
     1). Then one periodic event, at the rate of the skill, brings the weights closer to
     the mean (or a sample) of the active component (Algorithm 2), and re-maps them every
-    T - K samples: the last K desired positions become the start of a new window
-    (section V-D of the paper). The outputs follow from that state in closed form, so
-    they are exact at every time between two events, and no re-mapping makes them jump.
+    T - K samples, or somewhat earlier: the last K desired positions become the start of
+    a new window (section V-D of the paper). The outputs follow from that state in closed
+    form, so they are exact at every time between two events, and no re-mapping makes them
+    jump.
 
     In the reactive mode the movement waits for a robot that is pushed off its path: it
     slows down above half of `push_threshold` and stands still beyond it. After a push of

@@ -101,6 +101,10 @@ def test_a_recording_that_is_learned_as_it_is_is_not_placed(refused, make_npz, o
     call = ("learn", make_npz(), "--out", outputs / "skill.npz", "--as-recorded")
     for option in (("--surface", "plane"), ("--extra", "force")):
         assert "--as-recorded places nothing" in refused(*call, *option)
+    assert "leave out --board" in refused(*call, "--board", "b.yaml")
+    board = ("learn", call[1], "--out", "s.npz", "--board")
+    for name in ("s.npz", "car"):
+        assert "must end in .yaml or .yml" in refused(*board, name)
 
 
 def test_several_files_are_learned_together(command, make_npz, outputs):

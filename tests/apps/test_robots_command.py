@@ -100,7 +100,7 @@ def test_an_arm_that_reaches_no_table_is_listed_all_the_same(command, tmp_path):
     assert result.out.splitlines()[1].split()[:5] == [
         "ceiling",
         "7",
-        "16.6",
+        "16.7",
         "kg",
         "none",
     ]

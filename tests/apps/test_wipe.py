@@ -226,3 +226,12 @@ def test_table_of_metrics_is_printed(command):
     ):
         assert name in out
     assert "nan" not in out
+
+
+@pytest.mark.parametrize("option", ["--skill", "--demo"])
+def test_an_input_is_not_replaced_by_an_output(refused, tmp_path, option):
+    file = tmp_path / "a.npz"
+    file.write_bytes(b"precious")
+    line = refused("wipe", "--headless", option, file, "--log", file)
+    assert "a.npz is read; give the output a file of its own" in line
+    assert file.read_bytes() == b"precious"

@@ -191,6 +191,9 @@ def test_held_out_scores_of_a_method_that_cannot_learn(monkeypatch):
     monkeypatch.setattr(
         "fmp_drake.experiments.benchmark.run.all_methods", lambda: methods
     )
+    monkeypatch.setattr(
+        "fmp_drake.experiments.reproduction.METHODS", tuple(methods.values())
+    )
     monkeypatch.setattr("fmp_drake.experiments.benchmark.splits.CYCLES", (8.0,))
     path = HandMotion.make("polishing", duration=31, seed=1).position[:6000:10]
     values = np.column_stack([path, 1e-4 * np.sin(np.arange(len(path)))])

@@ -551,6 +551,12 @@ def test_trials_with_disturbances_are_judged_by_their_force_outside_them(make_st
         found = faults(replace(trial, metrics=metrics))
         assert [f.kind for f in found] == kinds
     assert "90.0 % of the time in contact without disturbances" in found[0].text
+    lost = dict.fromkeys(
+        ("normal_force_undisturbed_fraction", "normal_force_wanted_fraction")
+    )
+    metrics = trial.metrics | lost | {"contact_fraction": 0.0}
+    (found,) = faults(replace(trial, metrics=metrics))
+    assert (found.kind, found.text) == ("press", "never touches the board")
 
 
 def test_a_push_after_the_end_of_a_run_does_not_count(make_store):
@@ -747,6 +753,14 @@ def test_picture_of_errors_draws_groups_with_trials_from_zero():
         assert ax.get_title(loc="left")
         assert ax.get_ylim()[0] == 0
         assert "with" not in [line.get_label() for line in ax.lines]
+
+
+def test_trials_in_free_space_do_not_count_in_the_picture_of_the_force():
+    pairs = [(0.2, 0.99), (0.4, np.nan), (0.6, 0.97), (0.8, np.nan)]
+    path, press = draw_figures({"without": pairs, "with": []}).axes
+    assert len(path.lines[0].get_xdata()) == 4
+    np.testing.assert_allclose(press.lines[0].get_xdata(), [99, 97])
+    np.testing.assert_allclose(press.lines[0].get_ydata(), [50, 100])
 
 
 def test_parameter_over_decades_has_several_ticks():

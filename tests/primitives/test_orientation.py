@@ -358,6 +358,11 @@ def test_skill_has_the_reference_of_its_demonstrations(posed_skill, small_skill)
     assert small_skill.rotation_reference_ is None
     with pytest.raises(SkillError, match="no orientation"):
         skill_rotations(small_skill, np.zeros(2))
+    motion = Player(posed_skill).rollout(posed_skill.extent_.mean(axis=0), 1.0)
+    assert len(skill_rotations(posed_skill, motion.position)) == len(motion.position)
+    for wrong in (motion, np.zeros(3)):
+        with pytest.raises(SkillError, match=r"expected \(6,\) or \(N, 6\)"):
+            skill_rotations(posed_skill, wrong)
 
 
 @pytest.mark.parametrize("skill", [FourierMovementPrimitive, DiscreteMovementPrimitive])

@@ -245,6 +245,13 @@ def test_positions_in_an_unknown_unit_are_refused():
         place_on_board(path, scenario=Scenario())
 
 
+def test_a_transform_that_is_not_finite_is_refused_by_its_name():
+    with pytest.raises(DemonstrationError, match="the transform"):
+        place_on_board(
+            demonstration(strokes()), scenario=Scenario(), transform=[np.nan] * 6
+        )
+
+
 def test_a_drawing_in_an_unknown_unit_is_refused():
     path = demonstration(strokes()).select(["x", "y"])
     with pytest.raises(DemonstrationError, match="are in px, which is not a known"):

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.trials.trial import Trial
+from fmp_drake.primitives.data.files import replaced
 
 _NAME = "worlds.sqlite"
 _TABLES = """
@@ -192,4 +193,5 @@ class TrialStore:
             rows.append(row)
         names = list(dict.fromkeys(name for row in rows for name in row))
         columns = {name: [row.get(name) for row in rows] for name in names}
-        pyarrow.parquet.write_table(pyarrow.table(columns), path)
+        with replaced(path, ExperimentError) as part:
+            pyarrow.parquet.write_table(pyarrow.table(columns), part)

@@ -149,6 +149,21 @@ def on_board_rms(trial: Trial) -> float:
     return float(m.get("tracking_on_board_rms_m", m.get("tracking_rms_m", 0.0)))
 
 
+def calm_fraction(trial: Trial) -> float:
+    """Return the fraction of the time in contact within 5 N of the desired force.
+
+    Disturbances do not count, but in stores of older versions. 0 without contact, NaN in
+    free space.
+    """
+    m: Mapping[str, Any] = trial.metrics or {}
+    if m.get("contact_fraction") == 0:
+        return 0.0
+    fraction = m.get("normal_force_undisturbed_fraction")
+    if fraction is None:
+        fraction = m.get("normal_force_wanted_fraction")
+    return math.nan if fraction is None else float(fraction)
+
+
 def misses_by_height(trial: Trial) -> bool:
     """Return whether only the path on the assumed board is missed."""
     rms = (trial.metrics or {}).get("tracking_rms_m", 0.0)
@@ -205,6 +220,8 @@ def _judged(trial: Trial, duration: float) -> Iterator[Fault]:
         # Stores of older versions do not tell the time of disturbances.
         default = 1.0 if is_pushed else fraction
         calm = value("normal_force_undisturbed_fraction", default)
+        if calm_fraction(trial) == 0:
+            calm = 0.0
         text = (
             f"presses within 5 N of the desired {desired:.1f} N for {100 * calm:.1f} % of "
             f"the time in contact{' without disturbances' * is_pushed} (90 % from "

@@ -169,12 +169,12 @@ def skill_rotations(skill: HasOrientation, values: ArrayLike) -> Rotation:
     skill : FourierMovementPrimitive or DiscreteMovementPrimitive
         Learned from demonstrations with rotation channels.
     values : array_like, shape (D,) or (N, D)
-        All channels, as a playback or a sample gives them.
+        All channels, as the `position` of a playback or a sample gives them.
 
     Raises
     ------
     SkillError
-        Where the skill has no orientation.
+        Where the skill has no orientation, or the values have another shape.
     """
     reference = skill.rotation_reference_
     if reference is None:
@@ -182,8 +182,14 @@ def skill_rotations(skill: HasOrientation, values: ArrayLike) -> Rotation:
             "the skill has no orientation; learn it from demonstrations with rotation "
             "channels (`add_orientation`)."
         )
+    array, d = np.asarray(values, dtype=float), len(skill.channels_)
+    if array.ndim not in (1, 2) or array.shape[-1] != d:
+        raise SkillError(
+            f"the values have shape {array.shape}; expected ({d},) or (N, {d}), such as "
+            "the position of a motion."
+        )
     index = channel_indices(list(ROTATION_CHANNELS), skill.channels_)
-    return rotations_of(np.asarray(values, dtype=float)[..., index], reference)
+    return rotations_of(array[..., index], reference)
 
 
 def angular_velocity(vectors: ArrayLike, rates: ArrayLike) -> Array:
