@@ -166,8 +166,14 @@ def wait_for_click(panel: PagePanel, names: Mapping[str, str]) -> str | None:
 
 
 def make_progress(console: Console) -> Progress:
-    """Return a progress bar, which is not shown in a file or a pipe."""
-    return Progress(console=console, disable=not console.is_terminal)
+    """Return a progress bar, which is not shown in a file or a pipe.
+
+    It has no thread: if Python collected garbage there, it would free a Meshcat of the main
+    thread, and the process would crash.
+    """
+    return Progress(
+        console=console, disable=not console.is_terminal, auto_refresh=False
+    )
 
 
 def show_progress(
@@ -188,7 +194,7 @@ def show_progress(
     with make_progress(console) as progress:
         bar = progress.add_task(label, total=until)
         for now in times:
-            progress.update(bar, completed=now, total=max(until, now))
+            progress.update(bar, completed=now, total=max(until, now), refresh=True)
 
 
 def print_table(console: Console, rows: Mapping[str, str]) -> None:
