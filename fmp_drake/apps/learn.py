@@ -89,7 +89,7 @@ def learn(
     check_picture(skill.plot)
     check_writable(skill.board, "a scenario", [".yaml", ".yml"])
     if skill.as_recorded and skill.board is not None:
-        raise FmpError("--as-recorded is of no board; leave out --board.")
+        raise FmpError("with --as-recorded there is no board; leave out --board.")
     scenario = Scenario()
     if skill.robot is not None:
         is_file = Path(skill.robot).is_file()

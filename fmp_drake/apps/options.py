@@ -367,7 +367,8 @@ class LearningOptions:
     )
     window: float | None = option(
         None,
-        "Length of a window, s: one or more periods [default: 6, in learn fewer where the period is shorter].",
+        "Length of a window, s: one or more periods [default: 6; in learn it follows the "
+        "period, up to 6].",
         basic=False,
     )
     stretch: float = option(

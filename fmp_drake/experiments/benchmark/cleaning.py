@@ -96,13 +96,11 @@ def run_cleaning(
     names = checked_methods(methods)
     movement = board_movement(file)
     split = split_to_learn(movement)
-    known = movement.name, movement.digest, duration
+    known = {(movement.digest, duration)}
     for method, scores in read_scores(out).items():
         rows = [row for row in scores.cleaning if row["movement"] == movement.name]
-        labels = {
-            (movement.name, row.get("digest"), row.get("duration")) for row in rows
-        }
-        if method not in names and rows and (labels != {known} or len(rows) != seeds):
+        labels = {(row.get("digest"), row.get("duration")) for row in rows}
+        if method not in names and rows and (labels != known or len(rows) != seeds):
             raise ExperimentError(
                 f"{out} has scores of {method} on {movement.name} that are of another "
                 "recording of this name, another duration, or another number of seeds "

@@ -226,8 +226,8 @@ class TrialsReport:
             claim=f"Of the feasible trials at least {100 * _REQUIRED_RATE:.0f} % stay "
             f"within their tolerance, {tolerance} mm rms, of their path and within 5 N of the "
             f"desired force for {100 * LEAST_PRESSED:.0f} % of the time in contact, outside "
-            f"disturbances and the {RECOVERY:g} s after each. A force of the skill is followed to {MOST_FORCE_ERROR:g} N rms, its "
-            f"orientation to {MOST_TILT:g} degrees ({MOST_TILT_WITH_FRICTION:g} with joint "
+            f"disturbances and the {RECOVERY:g} s after each. A force of the skill is followed "
+            f"to {MOST_FORCE_ERROR:g} N rms, its orientation to {MOST_TILT:g} degrees ({MOST_TILT_WITH_FRICTION:g} with joint "
             "friction).",
             agrees=n > 0 and accurate >= _REQUIRED_RATE * n,
             figure=draw_figures(errors),
@@ -443,7 +443,7 @@ def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
         if not pairs:
             continue
         rms, fractions = np.array(pairs, dtype=float).T
-        # In free space, where nothing presses, there is no fraction.
+        # Nothing presses in free space.
         fractions = fractions[np.isfinite(fractions)]
         for ax, values in (
             (path_axes, 100 * np.sort(rms)),

@@ -12,7 +12,7 @@ from pydrake.solvers import Solve
 
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array, finite_array
-from fmp_drake.station.robots.robot import Robot
+from fmp_drake.station.robots.robot import Robot, check_posture
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.impedance.joints import JointWallConfig
 
@@ -120,14 +120,7 @@ def SolveStartPosture(scenario: Scenario, model: Robot, start: ArrayLike) -> Arr
     X_WB = scenario.board.assumed_pose() @ scenario.board.start_displacement()
     preferred = scenario.preferred_posture()
     limits = model.plant.GetPositionLowerLimits(), model.plant.GetPositionUpperLimits()
-    for name, angle, low, high in zip(
-        model.joint_names, preferred, *limits, strict=True
-    ):
-        if not low <= angle <= high:
-            raise StationError(
-                f"posture has {angle:g} for {name}, whose range is {low:g} to {high:g} rad; "
-                "choose an angle in it."
-            )
+    check_posture(preferred, model.joint_names, *limits)
     return SolvePosture(
         model.plant,
         frame=model.tip,

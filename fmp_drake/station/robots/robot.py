@@ -1,5 +1,6 @@
 """Robots: configuration (a YAML file beside a URDF), models in plants, rigid geometry."""
 
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -359,14 +360,31 @@ def _CheckModel(
         )
     if not sum(plant.get_body(i).default_mass() for i in plant.GetBodyIndices(arm)):
         raise StationError(f"the links of {model} have no mass; give them inertias.")
-    for joint, angle in zip(joints, config.posture, strict=True):
-        low, high = joint.position_lower_limits()[0], joint.position_upper_limits()[0]
+    check_posture(
+        config.posture,
+        [joint.name() for joint in joints],
+        np.concatenate([joint.position_lower_limits() for joint in joints]),
+        np.concatenate([joint.position_upper_limits() for joint in joints]),
+    )
+    return [motors[joint.index()] for joint in joints]
+
+
+def check_posture(
+    posture: Sequence[float], names: Sequence[str], lower: Array, upper: Array
+) -> None:
+    """Check that the angles of joints (n,), rad, are between their limits.
+
+    Raises
+    ------
+    StationError
+        With the first one that is not.
+    """
+    for name, angle, low, high in zip(names, posture, lower, upper, strict=True):
         if not low <= angle <= high:
             raise StationError(
-                f"posture has {angle:g} for {joint.name()}, whose range is {low:g} to "
-                f"{high:g} rad; choose an angle in it."
+                f"posture has {angle:g} for {name}, whose range is {low:g} to {high:g} rad; "
+                "choose an angle in it."
             )
-    return [motors[joint.index()] for joint in joints]
 
 
 def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Frame]:

@@ -55,7 +55,7 @@ def stability_ratio(stiffness: ArrayLike, damping: ArrayLike, period: float) -> 
 
 
 def stability_limit(stiffness: float, damping_ratio: float) -> float:
-    """Return the delay from which on a damped spring is unstable, s.
+    """Return the shortest delay with which a damped spring is unstable, s.
 
     With a delay T the loop ``ẍ + 2 ζ ω ẋ(t − T) + ω² x(t − T) = 0`` has a gain of 1 at
     ``ω ρ``, ``ρ² = 2 ζ² + √(4 ζ⁴ + 1)``. Its phase margin there is ``arctan(2 ζ ρ)``.
