@@ -393,7 +393,7 @@ class LearningOptions:
     )
     extra: tuple[str, ...] = option(
         (),
-        "Channels to learn beside x, y and z, relative to the surface; may be repeated.",
+        "Channels to learn besides x, y and z, relative to the surface; may be repeated.",
         basic=False,
         type=click.Choice(EXTRA_CHANNELS),
     )

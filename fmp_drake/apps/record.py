@@ -64,6 +64,11 @@ def record(to: RecordOptions) -> None:
     if to.arm is not None:
         if to.page:
             raise RunError("there is no page with --arm; leave out --page.")
+        simulated = RecordOptions(out=to.out)
+        if (to.task, to.seed) != (simulated.task, simulated.seed):
+            raise RunError(
+                "--task and --seed are for the simulated person; leave them out with --arm."
+            )
         guide_arm(console, to.load(), arm_config(to.arm), to.duration).save(to.out)
         console.print(f"wrote {to.out}")
         return

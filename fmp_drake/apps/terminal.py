@@ -35,9 +35,12 @@ def interrupts() -> Iterator[None]:
         return
     hook = sys.unraisablehook
 
+    timers: list[threading.Timer] = []
+
     def repeat(unraisable: "sys.UnraisableHookArgs") -> None:
         if _received:
-            threading.Timer(_REPEAT_DELAY, interrupt_main).start()
+            timers.append(threading.Timer(_REPEAT_DELAY, interrupt_main))
+            timers[-1].start()
         else:
             hook(unraisable)
 
@@ -47,6 +50,8 @@ def interrupts() -> Iterator[None]:
         yield
     finally:
         sys.unraisablehook = hook
+        for timer in timers:  # Python, while it ends, waits for them.
+            timer.cancel()
         for number, handler in previous.items():
             signal.signal(number, handler)
         # Python, while it ends, would print the traceback of an interrupt and ignore it.

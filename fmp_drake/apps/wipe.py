@@ -68,7 +68,8 @@ class PlayOptions:
 
     duration: float | None = option(
         None,
-        "Simulated time, s [default: 60, and longer while the page is open].",
+        "Simulated time, s [default: 60, and longer while the page is open]; with --arm the "
+        "time from the start of the command.",
         above=0,
     )
     sample: bool | None = option(

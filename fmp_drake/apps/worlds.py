@@ -12,7 +12,7 @@ from fmp_drake.apps.options import command, option
 from fmp_drake.apps.page import make_console, make_progress
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.trials import TrialSpec, TrialStore, run_trials
-from fmp_drake.experiments.trials.running import replay_trial
+from fmp_drake.experiments.trials.running import failure, replay_trial
 from fmp_drake.experiments.trials.store import check_parquet
 from fmp_drake.experiments.trials.trial import faults
 from fmp_drake.experiments.trials.trials_report import TrialsReport
@@ -155,18 +155,27 @@ def _replay(
     if not trial.is_feasible:
         console.print(f"infeasible: {trial.verdict}")
     duration = float(store.plan["duration"])
-    metrics = replay_trial(trial, duration, html=files.html, video=files.video)
-    repeated = replace(trial, metrics=metrics, error="")
+    repeated = replace(trial, metrics=None, error="")
+    try:
+        repeated.metrics = replay_trial(
+            trial, duration, html=files.html, video=files.video
+        )
+    except (Exception, SystemExit) as error:
+        if not trial.error:
+            raise
+        repeated.error = failure(error)
     texts = [fault.text for fault in faults(repeated, duration)]
     console.print(f"trial {number} {'; '.join(texts) or 'passed'}")
-    if trial.metrics is not None:
-        is_identical = str(metrics) == str(trial.metrics)  # NaN is not equal to itself.
+    if trial.was_run:
+        # NaN is not equal to itself.
+        is_identical = str(repeated.metrics) == str(trial.metrics)
+        is_identical &= repeated.error == trial.error
         console.print(
             "identical to the last bit"
             if is_identical
-            else "NOT identical to the stored run: the code, a library, a file of the "
-            f"scenario or the processor is another one (it was run by the code {trial.code})."
+            else "NOT identical to the stored run: the code, a library, a file of the scenario "
+            f"or the processor differs (it was run by the code {trial.code})."
         )
     for path in (files.html, files.video):
-        if path is not None:
+        if path is not None and not repeated.error:
             console.print(f"wrote {path}")

@@ -87,9 +87,14 @@ def test_silent_arm_fails_the_check_and_cannot_be_recorded(
         with pytest.raises(SystemExit):
             main([*options, "--arm", "lcm:memq://"])
         assert "no status was received" in capsys.readouterr().err
-    with pytest.raises(SystemExit):
-        main(["record", "--out", "shown.npz", "--page", "--arm", "lcm:memq://"])
-    assert "leave out --page" in capsys.readouterr().err
+    refusals = {
+        "leave out --page": ["--page"],
+        "--task and --seed are for the simulated person": ["--task", "eight"],
+    }
+    for words, options in refusals.items():
+        with pytest.raises(SystemExit):
+            main(["record", "--out", "shown.npz", "--arm", "lcm:memq://", *options])
+        assert words in capsys.readouterr().err
 
 
 # On one bus with a simulated arm, in this process.

@@ -233,6 +233,19 @@ def test_interrupt_that_a_destructor_swallows_is_repeated(run):
     assert (result.code, result.err) == (130, "fmp-drake: stopped.\n")
 
 
+def test_interrupt_is_not_repeated_after_the_end_of_the_command(run):
+    class Mute:
+        def __del__(self):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def work():
+        Mute()
+
+    result = run(work)
+    assert (result.code, result.err) == (130, "fmp-drake: stopped.\n")
+    time.sleep(0.3)  # Ends by KeyboardInterrupt if it is repeated.
+
+
 def test_errors_without_a_signal_are_shown_and_handlers_restored(run):
     before = signal.getsignal(signal.SIGINT), sys.unraisablehook
 

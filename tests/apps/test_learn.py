@@ -102,6 +102,7 @@ def test_a_recording_that_is_learned_as_it_is_is_not_placed(refused, make_npz, o
     for option in (("--surface", "plane"), ("--extra", "force")):
         assert "--as-recorded places nothing" in refused(*call, *option)
     assert "leave out --board" in refused(*call, "--board", "b.yaml")
+    assert "leave out --robot" in refused(*call, "--robot", "ur5e")
     board = ("learn", call[1], "--out", "s.npz", "--board")
     for name in ("s.npz", "car"):
         assert "must end in .yaml or .yml" in refused(*board, name)

@@ -209,9 +209,14 @@ def test_bundled_trials_can_be_drawn(name):
 
 def test_surfaces_robots_and_tasks_are_drawn():
     spec = TrialSpec.load("surfaces")
-    drawn = [ParseScenario(spec.draw(seed=0, number=n).scenario) for n in range(60)]
+    trials = [spec.draw(seed=0, number=n) for n in range(60)]
+    drawn = [ParseScenario(trial.scenario) for trial in trials]
     stirred = [s for s in drawn if s.board.shape == "none"]
     assert {s.skill.demonstration for s in stirred} == {"stirring"}
+    # What is drawn for a board is no parameter of a trial without one.
+    for trial in trials:
+        has = "skill.demonstration" in trial.parameters
+        assert has == trial.has_board
     drawn = [s for s in drawn if s not in stirred]
     assert {s.skill.demonstration for s in drawn} == {
         *("eight", "polishing", "pulsing", "wiping")

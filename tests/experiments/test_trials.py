@@ -362,6 +362,17 @@ def test_replay_of_an_infeasible_trial_prints_the_verdict(
     ]
 
 
+def test_replay_of_a_trial_that_ended_by_an_exception_prints_it(make_store, command):
+    far = "fields: {board.translation: [5.0, 0.0, 0.0]}"
+    run = partial(run_trial, duration=0.1, force=True)
+    store = make_store(run, 1, spec=far)
+    lines = command("worlds", store.folder, "--replay", 0).out.splitlines()
+    assert lines[1].startswith(
+        "trial 0 stopped with StationError: the arm cannot bring"
+    )
+    assert lines[2:] == ["identical to the last bit"]
+
+
 def test_process_that_ends_is_the_result_of_its_trial(make_store):
     def run(trial):
         if trial.number == 1:
@@ -404,6 +415,16 @@ def test_changed_code_runs_trials_again(make_store, monkeypatch):
     name = "fmp_drake.experiments.trials.running.code_version"
     monkeypatch.setattr(name, lambda: "newer")
     assert {t.code for t in make_store(passed).trials()} == {"newer"}
+
+
+def test_trials_of_the_present_code_count_also_after_those_of_another(
+    make_store, monkeypatch
+):
+    name = "fmp_drake.experiments.trials.running.code_version"
+    for code in ("present", "other", "present"):
+        monkeypatch.setattr(name, lambda code=code: code)
+        trials = make_store(passed, 3).trials()
+        assert [(t.number, t.code) for t in trials] == [(n, code) for n in range(3)]
 
 
 def test_changed_files_of_a_scenario_run_trials_again(make_store, tmp_path):
@@ -836,6 +857,14 @@ def test_inconsistent_options_are_refused(
     monkeypatch.chdir(tmp_path)
     assert message in refused("worlds", *call)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_rate_of_trials_counts_those_run_by_force(make_store):
+    def run(trial):
+        return replace(passed(refused_trial(trial)), cpu_seconds=9.0)
+
+    verdict = TrialsReport(make_store(run, 4, force=True)).verdict()
+    assert "at a rate of 400 per hour" in verdict
 
 
 def test_report_states_the_trials_per_core_hour(make_store):

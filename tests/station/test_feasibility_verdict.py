@@ -315,6 +315,15 @@ def test_speed_ratio_leaves_out_what_is_hardly_ever_played(
     assert found.values["largest_speed_ratio"] == pytest.approx(ratio)
 
 
+def test_speed_at_which_a_joint_is_braked_is_said(predicted, restless_skill):
+    def change(motion, **_):
+        motion.v[few(60, motion), 1] = 1.1 * limits().speed[1]
+
+    predicted.change = change
+    verdict = CheckFeasibility(Scenario(), restless_skill).verdict
+    assert "up to 110 % of their speed, at which they are braked, and" in verdict
+
+
 def fast(ratio, count):
     """Return a change: a joint at a ratio of its speed at tempo 1, in some samples."""
 

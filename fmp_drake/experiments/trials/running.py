@@ -66,10 +66,9 @@ def run_trials(
     seed, duration = int(store.plan["seed"]), float(store.plan["duration"])
     run = run or partial(run_trial, duration=duration, force=force)
     with store.writing():
-        finished = store.finished(force=force)
         trials = [spec.draw(seed=seed, number=number) for number in range(count)]
         trials = [replace(trial, code=trial_version(trial)) for trial in trials]
-        missing = [trial for trial in trials if store.key(trial) not in finished]
+        missing = store.missing(trials, force=force)
         yield 0, len(missing)
         with closing(run_tasks(run, missing, workers)) as running:
             for number, (trial, attempts, result) in enumerate(running, 1):
@@ -109,9 +108,14 @@ def run_trial(trial: Trial, *, duration: float, force: bool) -> Trial:
         with threadpool_limits(limits=1):
             _run(trial, duration, force)
     except (Exception, SystemExit) as error:  # noqa: BLE001 - Drake's failed assertions
-        trial.error = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        trial.error = failure(error)
     trial.cpu_seconds = time.process_time() - begin
     return trial
+
+
+def failure(error: BaseException) -> str:
+    """Return an exception in one line, as trials store it."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def _run(trial: Trial, duration: float, force: bool) -> None:

@@ -252,6 +252,8 @@ class TrialSpec:
             single_value = self._absolute_path(name, take(name, value))
             if name != _DEMONSTRATION or has_board:
                 _put(fields, name, single_value)
+            else:  # It is drawn, so that the values after it depend on no other, but unused.
+                parameters.pop(name, None)
         for name, value in self._offsets.items():
             offset = take(f"{name}, offset", value)
             container, key = _find(fields, name)

@@ -6,7 +6,7 @@ import importlib.util
 import json
 import os
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -23,6 +23,11 @@ CREATE TABLE IF NOT EXISTS worlds (
     scenario TEXT NOT NULL, parameters TEXT NOT NULL, is_feasible INTEGER NOT NULL,
     verdict TEXT NOT NULL, checked TEXT NOT NULL, metrics TEXT NOT NULL,
     events TEXT NOT NULL, error TEXT NOT NULL, attempts INTEGER NOT NULL, cpu_seconds REAL NOT NULL);
+"""
+# Only where another version of the code has run the same trial since.
+_MAKE_LAST = """
+UPDATE worlds SET rowid = (SELECT max(rowid) + 1 FROM worlds) WHERE key = ? AND
+    rowid < (SELECT max(rowid) FROM worlds AS same WHERE same.number = worlds.number);
 """
 # Columns in JSON, which can represent NaN, unlike a number in SQLite.
 _JSON = ("parameters", "checked", "metrics")
@@ -140,15 +145,20 @@ class TrialStore:
                 f"INSERT OR REPLACE INTO worlds ({names}) VALUES ({marks})", row
             )
 
-    def finished(self, *, force: bool) -> set[str]:
-        """Return the keys of the trials that need not run.
+    def missing(self, trials: Sequence[Trial], *, force: bool) -> list[Trial]:
+        """Return those of some trials that have to be run.
 
-        With `force` those that were found infeasible, but not run, are missing.
+        With `force` those that were found infeasible, but not run, are missing. The stored
+        rows of the others become the last ones, which `trials` returns.
         """
         rows = self._base.execute("SELECT key, metrics, error FROM worlds")
-        return {
+        finished = {
             k for k, metrics, error in rows if not force or metrics != "null" or error
         }
+        keys = {self.key(trial): trial for trial in trials}
+        with self._reported():
+            self._base.executemany(_MAKE_LAST, [(k,) for k in keys if k in finished])
+        return [trial for key, trial in keys.items() if key not in finished]
 
     def trial(self, number: int) -> Trial:
         """Return a trial by its number.

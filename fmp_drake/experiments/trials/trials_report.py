@@ -103,7 +103,7 @@ class TrialsReport:
         self._failed.sort(key=lambda t: -self._faults[t.number][0].severity)
         # Time of one core, with that for infeasible trials.
         self._cpu_seconds = sum(trial.cpu_seconds for trial in self._trials)
-        self._run_per_hour = 3600 * len(self._run) / max(self._cpu_seconds, 1e-3)
+        self._run_per_hour = 3600 * len(run) / max(self._cpu_seconds, 1e-3)
 
     def write(self, page: Path | None = None) -> None:
         """Write report.html into the folder of the store, and optionally a Markdown page."""
@@ -279,7 +279,7 @@ class TrialsReport:
         ]
         return Finding(
             name="refused",
-            title="Reasons of refusal, and runs although infeasible",
+            title="Reasons for refusal, and runs although infeasible",
             shows=f"{len(self._refused)} are refused, {_percent(len(self._refused), n)}. "
             f"{len(forced)} were run although infeasible, of which {passed} passed.",
             table=[["trial", "reason", "run although infeasible", "replay"], *rows]
@@ -303,18 +303,18 @@ class TrialsReport:
 def _description(trial: Trial, duration: float) -> str:
     """Describe the scenario of a trial."""
     board, skill = trial.fields["board"], trial.fields["skill"]
-    height = board["error"]["translation"][2]
-    position = ", ".join(f"{value:.2f}" for value in board["translation"])
     base, played = trial.parameters.get("base", ""), skill["demonstration"]
     played = skill.get("file") or played
-    parts = [
-        f"{base} {played}".strip(),
-        f"board at ({position}) m",
-        f"{1e3 * abs(height):.1f} mm {'lower' if height < 0 else 'higher'} than assumed",
-        f"felt of {trial.fields['eraser']['modulus'] / 1e3:.0f} kPa",
-        f"tempo {skill['tempo']:.2f}",
-        f"{trial.fields['press']['force']:.1f} N",
-    ]
+    parts = [f"{base} {played}".strip(), f"tempo {skill['tempo']:.2f}"]
+    if trial.has_board:
+        height = board["error"]["translation"][2]
+        position = ", ".join(f"{value:.2f}" for value in board["translation"])
+        parts += [
+            f"board at ({position}) m",
+            f"{1e3 * abs(height):.1f} mm {'lower' if height < 0 else 'higher'} than assumed",
+            f"felt of {trial.fields['eraser']['modulus'] / 1e3:.0f} kPa",
+            f"{trial.fields['press']['force']:.1f} N",
+        ]
     push = largest_push(trial, duration)
     return ", ".join([*parts, f"pushed with {push:.0f} N"] if push else parts)
 

@@ -253,10 +253,12 @@ class _Check:
         )
         values |= self._judge_pushes(motion)
         speed, torque = values["largest_speed_ratio"], values["largest_torque_ratio"]
+        braked = ", at which they are braked," if speed > 1 else ""
         verdict = (
             "The arm can follow this skill: it stays "
             f"{values['smallest_joint_margin']:.2f} rad from its joints' limits and needs up "
-            f"to {100 * speed:.0f} % of their speed and {100 * torque:.0f} % of their torque."
+            f"to {100 * speed:.0f} % of their speed{braked} and {100 * torque:.0f} % of their "
+            "torque."
         )
         if self._faults:
             verdict = f"The arm cannot follow this skill: {'; '.join(self._faults)}."

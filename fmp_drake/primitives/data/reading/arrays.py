@@ -64,6 +64,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     name = "values" if "values" in arrays else "position"
     if "metadata" not in arrays and not {"time", name} <= set(arrays):
         return _tables_of(path, arrays, options)
+    metadata = FORMAT.parse(path, arrays["metadata"]) if "metadata" in arrays else None
     time, values = (arrays.get(key) for key in ("time", name))
     if time is not None and time.dtype.kind in "mM":
         time = (time - time[:1]) / np.timedelta64(1, "s")
@@ -73,8 +74,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
         if not np.can_cast(array.dtype, float, "same_kind"):
             raise SkillFileError(f"{path}: `{key}` does not hold numbers.")
     fields: dict[str, Any] = {"time": time, "values": values}
-    if "metadata" in arrays:
-        metadata = FORMAT.parse(path, arrays["metadata"])
+    if metadata is not None:
         fields |= {key: metadata[key] for key in METADATA if key in metadata}
         return [Table(saved=fields)]
     if options.columns or (options.all_arrays and len(arrays) > 2):
