@@ -497,3 +497,32 @@ def test_arm_follows_exactly_within_its_reach_and_stays_near_beyond():
     margin = reach.missed(motion)[3]
     assert np.min(margin) > -1e-9
     assert_allclose(motion.q[0, 0], posture, atol=0.2)
+
+
+# Where the board is ------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("height", "words"), [(-0.06, "60 mm lower"), (0.04, "40 mm higher")]
+)
+def test_board_beyond_the_range_of_the_search_is_refused(bundled_skill, height, words):
+    scenario, skill = Scenario(), bundled_skill
+    scenario.board.error.translation = [0.0, 0.0, height]
+    found = CheckFeasibility(scenario, skill)
+    assert f"9 % of the path the board is up to {words} than assumed" in found.verdict
+    assert "a greater impedance.force_control.search_range." in found.verdict
+    scenario.impedance.force_control.search_range = 1.1 * abs(height)
+    assert CheckFeasibility(scenario, skill).is_feasible
+
+
+def test_tilted_board_is_refused_where_it_is_beyond_the_range_of_the_search(
+    bundled_skill,
+):
+    scenario = Scenario()
+    scenario.board.error.rpy = [0.0, 0.3, 0.0]
+    found = CheckFeasibility(scenario, bundled_skill)
+    outer = np.abs(found.paths[..., 0] * np.sin(0.3)) > 0.03
+    share = 100 * np.mean(outer & (found.paths[..., 2] < scenario.press.engage_height))
+    assert 5 < share < 95
+    fraction = re.search(r"on ([\d.]+) % of the path the board is", found.verdict)
+    assert float(fraction[1]) == pytest.approx(share, abs=3)

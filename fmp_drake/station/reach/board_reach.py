@@ -10,7 +10,7 @@ from pydrake.multibody.tree import BodyIndex
 
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
-from fmp_drake.station.models.whiteboard import BoardBox
+from fmp_drake.station.models.whiteboard import BoardBox, closed_axes
 from fmp_drake.station.reach.deviation_prediction import Deviation, predict_deviation
 from fmp_drake.station.reach.posture import SolveStartPosture
 from fmp_drake.station.reach.tracking_prediction import (
@@ -234,6 +234,39 @@ class BoardReach:
         """Return whether paths (B, T, 3) are in desired contact, shape (boards * B, T)."""
         is_low = paths[..., 2] < self._scenario.press.engage_height
         return np.tile(is_low, (boards, 1))
+
+    def missing_board(self, paths: Array) -> tuple[list[str], bool]:
+        """Return the faults of paths (B, T, 3) that press where there is no board.
+
+        The last value is whether the actual board is farther from the assumed one than the
+        arm searches.
+        """
+        scenario, faults = self._scenario, list[str]()
+        if not scenario.has_board:
+            return faults, False
+        board, pressed = scenario.board, self.pressed(paths, 1)
+        is_beyond = np.abs(paths[..., :2]) > np.divide(board.size, 2)
+        is_beyond &= ~np.array(closed_axes(board.size, self._surface))
+        beyond = np.mean(pressed & np.any(is_beyond, axis=-1))
+        if beyond > self._bounds.exceptions:
+            faults.append(
+                f"{100 * beyond:.1f} % of the path is beyond the edges of the board, which "
+                f"is {board.size[0]:g} x {board.size[1]:g} m"
+            )
+        X_BA = board.pose().inverse() @ board.assumed_pose()
+        p_AE = place(self._surface, (paths * [1, 1, 0])[pressed])
+        height = along(self._surface, moved(X_BA.GetAsMatrix34(), p_AE))[:, 2]
+        most = scenario.impedance.force_control.search_range
+        off = np.sum(np.abs(height) > most) / pressed.size
+        is_misplaced = bool(off > self._bounds.exceptions)
+        if is_misplaced:
+            farthest = height[np.argmax(np.abs(height))]
+            faults.append(
+                f"on {100 * off:.1f} % of the path the board is up to "
+                f"{1e3 * abs(farthest):.0f} mm {'lower' if farthest > 0 else 'higher'} than "
+                f"assumed, and the arm searches within {1e3 * most:.0f} mm"
+            )
+        return faults, is_misplaced
 
     def follow(
         self,

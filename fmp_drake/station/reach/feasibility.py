@@ -14,7 +14,6 @@ from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array, Mask, one_blas_thread
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.primitives.data.orientation import rotations_of
-from fmp_drake.station.models.whiteboard import closed_axes
 from fmp_drake.station.reach.board_reach import (
     LONGEST_MOVE,
     BoardReach,
@@ -211,7 +210,7 @@ class _Check:
         self._displacement = np.sin(phase) * rail
         self._faults: list[str] = []
         # Remedies: a move of the board, a slower tempo, a smaller or greater normal force (N).
-        self._is_far = self._is_disturbed = False
+        self._is_far = self._is_disturbed = self._is_misplaced = False
         self._slower: float | None = None
         self._softer: float | None = None
         self._firmer: float | None = None
@@ -280,6 +279,10 @@ class _Check:
         Each change is checked as a separate scenario. The values are empty where the board
         has to be moved.
         """
+        if self._is_misplaced:
+            return (
+                "a smaller board.error, or a greater impedance.force_control.search_range"
+            ), {}
         if words := self._pace_remedy():
             return words, self._changed_pace
         may_move = self._is_far or self._is_disturbed
@@ -394,13 +397,8 @@ class _Check:
                 f"comes nearer than {1e3 * bounds.clearance:.0f} mm"
             )
         self._is_far = bool(self._faults)
-        beyond = self._beyond_board()
-        if self._is_frequent(beyond):
-            x, y = self._scenario.board.size
-            self._faults.append(
-                f"{100 * np.mean(beyond):.1f} % of the path is beyond the edges of the "
-                f"board, which is {x:g} x {y:g} m"
-            )
+        faults, self._is_misplaced = self._reach.missing_board(self._paths)
+        self._faults += faults
         values: Values = {}
         if has_rotation:
             values["largest_angle"] = np.max(tilt)
@@ -415,14 +413,6 @@ class _Check:
             "wall_fraction": np.mean(at_spring),
             "smallest_manipulability": np.min(motion.manipulability),
         }, is_missed | is_near
-
-    def _beyond_board(self) -> Mask:
-        """Return whether the eraser is to press where the board has ended, (B, T)."""
-        board = self._scenario.board
-        is_beyond = np.abs(self._paths[..., :2]) > np.divide(board.size, 2)
-        is_beyond &= ~np.array(closed_axes(board.size, board.curvature()))
-        pressed = self._reach.pressed(self._paths, 1)
-        return pressed & np.any(is_beyond, axis=-1) & self._scenario.has_board
 
     def _judge_speed(self, motion: PredictedMotion) -> Values:
         """Return the values of the joints' speed."""
