@@ -1,5 +1,6 @@
 """`fmp-drake wipe`."""
 
+import math
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -68,8 +69,8 @@ class PlayOptions:
 
     duration: float | None = option(
         None,
-        "Simulated time, s [default: 60, and longer while the page is open]; with --arm the "
-        "time from the start of the command.",
+        "Simulated time, s [default: 60, and longer while the page is open; with --arm and "
+        "Enter: until Ctrl-C].",
         above=0,
     )
     sample: bool | None = option(
@@ -223,7 +224,9 @@ def wipe(
             for refusal in request_priority() if arm.real_time else ():
                 console.print(refusal)
             arm_run = ArmRun(scenario, skill, config, **options)
-            duration = play.least_duration
+            # Nobody knows when Enter is pressed.
+            is_endless = play.duration is None and not arm.go
+            duration = math.inf if is_endless else play.least_duration
             wipe_with_arm(console, arm_run, duration, go=arm.go, report=files.report)
             return
         run = MakeRun(

@@ -86,7 +86,7 @@ class BoardMotion:
     amplitude : float
         m; 0 for a board that stands still.
     frequency : float
-        Hz.
+        Hz, at most 3: the check samples paths, and the board's motion, at 10 Hz.
 
     Examples
     --------
@@ -97,7 +97,7 @@ class BoardMotion:
 
     axis: list[float] = bounded([0.0, 1.0, 0.0])
     amplitude: float = bounded(0.0, least=0)
-    frequency: float = bounded(0.1, above=0)
+    frequency: float = bounded(0.1, above=0, most=3)
 
     def inconsistency(self) -> str:
         """Return an error message for an inconsistency beyond the ranges, or ""."""

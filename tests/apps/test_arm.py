@@ -186,17 +186,19 @@ def test_enter_enables_and_stops_an_arm_and_the_page_reports_it(
     bus.at |= dict.fromkeys(
         (140, 740, 990), lambda: messages.append(panels[0].shown["mode"])
     )
+    # Without a duration it waits for Enter, and ends with Ctrl-C.
+    monkeypatch.setattr("fmp_drake.apps.wipe._DURATION", 0.1)
+    bus.at[1000] = lambda: os.kill(os.getpid(), signal.SIGINT)
     result = command(
-        *("wipe", "--arm", "lcm:memq://", "--skill", skill, "--force"),
-        *("--duration", 1.0, "--real-time"),
+        *("wipe", "--arm", "lcm:memq://", "--skill", skill, "--force", "--real-time")
     )
-    assert result.code == 0, result
+    assert result.code == 130, result
     for line in ("watch it at http://", "no SCHED_FIFO (", "Enter enables the arm"):
         assert line in result.out
     modes = ("waiting\n", "open\n", "stopped (STOPPED)\n")
     assert list(map(result.out.count, modes)) == [1, 1, 1]
     assert messages == ["waiting", "in the air", "stopped"]
-    assert panels[0].shown["mode"] == "ended"
+    assert panels[0].shown["mode"] == "stopped"
     assert 0.1 < float(result.out.split("open seconds: ")[1].split()[0]) < 0.6
     assert result.out.split("stops: ")[1].splitlines()[0].endswith("'STOPPED')]")
     for _ in range(3):  # The last command of the ramp arrives.

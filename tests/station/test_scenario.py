@@ -164,6 +164,7 @@ def test_missing_file_is_named(tmp_path):
         ("simulator: {scheme: cenic}\n", ["simulator", "integration_scheme"]),
         ("impedance: {walls: {x: 1}}\n", ["impedance.walls has no key 'x'", "width"]),
         ("board: {motion: {speed: 1}}\n", ["board.motion", "amplitude, frequency"]),
+        ("board: {motion: {frequency: 5}}\n", ["board.motion.frequency", "at most 3"]),
         ("disturbances: [{knd: push}]\n", ["disturbances[0]", "kind, start"]),
         ("disturbances: [{kind: kick}]\n", ["kick", "push, grasp"]),
         ("skill: {model: best}\n", ["best", "mixture, phase, automatic"]),
