@@ -62,12 +62,8 @@ def arm(to: BenchOptions, faults: FaultOptions) -> None:
     for refusal in request_priority() if to.real_time else ():
         console.print(refusal)
     bus, scene = OpenLcm(config.url), LoadScenario(to.scenario)
-    demonstrations, _ = load_on_board(
-        [default_demonstration(scene.skill.demonstration)],
-        scenario=scene,
-        transform=None,
-        stretch=1.0,
-    )
+    source = default_demonstration(scene.skill.demonstration)
+    demonstrations, _ = load_on_board([source], scenario=scene)
     hand = None
     if to.task is not None:
         motion = HandMotion.make(to.task, duration=to.duration + 1, seed=faults.seed)

@@ -146,9 +146,7 @@ def shared_skill(
         place = (scenario.robot, *scenario.board.size, *scenario.board_footprint())
         recordings = _PLACED.get(
             (source, _changed(source), *place),
-            lambda: load_on_board(
-                [source], scenario=scenario, transform=None, stretch=1.0
-            )[0],
+            lambda: load_on_board([source], scenario=scenario)[0],
         )
     content = [(d.channels, d.time.tobytes(), d.values.tobytes()) for d in recordings]
     settings = (config.file, config.window, config.n_components, config.model)

@@ -8,7 +8,7 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, MatrixGain
 
-from fmp_drake.station.board_scene import BoardScene
+from fmp_drake.station.board_scene import BoardScene, Connect
 from fmp_drake.station.robots.driver import Driver, MakeDriver, SimulatedDriver
 from fmp_drake.systems import (
     ImpedanceConfig,
@@ -97,8 +97,7 @@ def AddNormalForceEstimator(
     estimator = builder.AddSystem(
         NormalForceEstimator(model.plant, end_effector=model.tip, R_WT=R_WT)
     )
-    for name in ("state", "torque_external"):
-        builder.Connect(driver.GetOutputPort(name), estimator.GetInputPort(name))
+    Connect(builder, driver, estimator, "state", "torque_external")
     return estimator.get_output_port()
 
 

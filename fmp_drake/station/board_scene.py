@@ -16,7 +16,7 @@ from pydrake.multibody.tree import (
     PdControllerGains,
     PrismaticJoint,
 )
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import Multiplexer, Sine
 
 from fmp_drake.errors import StationError
@@ -91,6 +91,18 @@ class BoardScene:
     X_WB: RigidTransform
     X_WA: RigidTransform
     rail: Sine | None
+
+
+BODIES = ("body_poses", "body_spatial_velocities")
+"""Outputs of a plant, and inputs of a system: poses and spatial velocities of bodies."""
+
+
+def Connect(
+    builder: DiagramBuilder, source: System, target: System, *ports: str
+) -> None:
+    """Connect outputs of a system to the inputs of another one with the same names."""
+    for port in ports:
+        builder.Connect(source.GetOutputPort(port), target.GetInputPort(port))
 
 
 def AddBoardScene(

@@ -17,7 +17,7 @@ from pydrake.visualization import ApplyVisualizationConfig, VisualizationConfig
 from fmp_drake.errors import StationError
 from fmp_drake.primitives import Demonstration, add_orientation
 from fmp_drake.primitives.data.channels import FORCE_CHANNEL, POSITION_CHANNELS
-from fmp_drake.station.board_scene import BoardScene
+from fmp_drake.station.board_scene import BODIES, BoardScene, Connect
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems import HandMotion, ImpedanceConfig
 from fmp_drake.systems.human_hand import HumanHand
@@ -55,10 +55,7 @@ def AddExternalForces(
                 grip=scene.robot.tip, disturbances=script, X_WB=scene.X_WB
             )
         )
-        for port in ("body_poses", "body_spatial_velocities"):
-            builder.Connect(
-                scene.plant.GetOutputPort(port), disturbances.GetInputPort(port)
-            )
+        Connect(builder, scene.plant, disturbances, *BODIES)
         builder.ExportOutput(disturbances.GetOutputPort("force"), "disturbance")
         sources.append(disturbances.GetOutputPort("spatial_forces"))
     forces = scene.plant.GetInputPort(_PORT)
@@ -150,8 +147,7 @@ def _ConnectMouse(
     builder.Disconnect(spring.get_output_port(), plant.GetInputPort(_PORT))
     builder.AddSystem(hand)
     builder.Connect(spring.get_output_port(), hand.GetInputPort("spring"))
-    for port in ("body_poses", "body_spatial_velocities"):
-        builder.Connect(plant.GetOutputPort(port), hand.GetInputPort(port))
+    Connect(builder, plant, hand, *BODIES)
 
 
 # Compliant in translation and rotation, with a fixed posture of the elbow.
@@ -250,8 +246,7 @@ class SimulatedHand:
                 surface=scene.curvature,
             )
         )
-        for port in ("body_poses", "body_spatial_velocities"):
-            builder.Connect(scene.plant.GetOutputPort(port), hand.GetInputPort(port))
+        Connect(builder, scene.plant, hand, *BODIES)
         is_guided = builder.AddNamedSystem(
             "is_guided", ConstantVectorSource(np.ones(1))
         )

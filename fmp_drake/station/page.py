@@ -18,7 +18,7 @@ from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array, finite_array
-from fmp_drake.station.board_scene import AddBoardScene, BoardScene
+from fmp_drake.station.board_scene import AddBoardScene, BoardScene, Connect
 from fmp_drake.station.external_forces import AddMousePull
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
@@ -160,7 +160,7 @@ def AddPage(
         visualizer = builder.AddSystem(
             InkVisualizer(meshcat=meshcat, grid=ink.grid, path=INK)
         )
-        builder.Connect(ink.GetOutputPort("ink"), visualizer.GetInputPort("ink"))
+        Connect(builder, ink, visualizer, "ink")
     _AddPaths(builder, scene, playback, meshcat, demonstrated)
     controls = pull = None
     if show.controls:
@@ -172,13 +172,11 @@ def AddPage(
             sample=primitive.player.sample,
         )
         builder.AddSystem(controls)
-        sample = controls.GetOutputPort("sample")
-        builder.Connect(sample, primitive.GetInputPort("sample"))
+        Connect(builder, controls, primitive, "sample")
     if show.force and scene.is_simulated and scene.whiteboard is not None:
-        name = "contact_results"
         arrow = ForceArrow(plant, body=scene.robot.tip.body(), meshcat=meshcat)
         builder.AddSystem(arrow)
-        builder.Connect(plant.GetOutputPort(name), arrow.GetInputPort(name))
+        Connect(builder, plant, arrow, "contact_results")
     if show.mouse and scene.is_simulated:
         pull = AddMousePull(builder, plant, scene.scene_graph, meshcat)
     return controls, pull
@@ -236,8 +234,7 @@ def _AddPaths(
                 show_component=show.component,
             )
         )
-        for name in ("plan", "plan_covariance", "component"):
-            builder.Connect(primitive.GetOutputPort(name), plan.GetInputPort(name))
+        Connect(builder, primitive, plan, "plan", "plan_covariance", "component")
 
 
 def AddPageStatus(
@@ -273,13 +270,11 @@ def AddPageStatus(
     status = builder.AddSystem(PageStatus(panel, area=cells))
     builder.Connect(measured.status, status.GetInputPort("status"))
     builder.Connect(last_fault, status.GetInputPort("last_fault"))
-    component = playback.primitive.GetOutputPort("component")
-    builder.Connect(component, status.GetInputPort("component"))
+    Connect(builder, playback.primitive, status, "component")
     if ink is not None:
         name = "desired_normal_force"
         builder.Connect(desired_normal_force, status.GetInputPort(name))
-        for name in ("normal_force", "ink"):
-            builder.Connect(ink.GetOutputPort(name), status.GetInputPort(name))
+        Connect(builder, ink, status, "normal_force", "ink")
 
 
 def describe_page(scenario: Scenario, *, replay: bool = False) -> PanelFields:

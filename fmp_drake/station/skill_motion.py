@@ -21,7 +21,7 @@ from fmp_drake.primitives import FourierMovementPrimitive, Player, Tracker
 from fmp_drake.primitives.data.channels import ChannelRoles, channel_roles
 from fmp_drake.primitives.data.orientation import rotation_vectors
 from fmp_drake.primitives.model.trajectory_mixture import check_skill
-from fmp_drake.station.board_scene import BoardScene
+from fmp_drake.station.board_scene import BoardScene, Connect
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.tasks.task import Measurements
 from fmp_drake.station.tasks.wiping import BoardGrid
@@ -302,9 +302,8 @@ def _AddTaskMotion(
     if "task_frame" in parts and builder.HasSubsystemNamed(_ESTIMATOR):
         estimator = builder.GetSubsystemByName(_ESTIMATOR)
         builder.Connect(parts["task_frame"], estimator.GetInputPort("task_frame"))
-    builder.Connect(primitive.GetOutputPort("motion"), task.GetInputPort("motion"))
-    pose = controller.GetOutputPort("measured_pose")
-    builder.Connect(pose, task.GetInputPort("measured_pose"))
+    Connect(builder, primitive, task, "motion")
+    Connect(builder, controller, task, "measured_pose")
     measured = task.GetOutputPort("measured")
     builder.Connect(measured, primitive.GetInputPort("measured_position"))
     for name, port in parts.items():

@@ -16,7 +16,7 @@ from fmp_drake.numeric import Array
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.station.arm_controller import AddArmController
-from fmp_drake.station.board_scene import AddBoardScene, BoardScene
+from fmp_drake.station.board_scene import AddBoardScene, BoardScene, Connect
 from fmp_drake.station.external_forces import (
     GUIDING,
     TURNING,
@@ -369,8 +369,7 @@ def _MakeTeachingStation(
         surface = builder.AddSystem(
             SurfaceCoordinates(scene.curvature, scenario.eraser_orientation())
         )
-        for name in ("measured_pose", "measured_velocity"):
-            builder.Connect(controller.GetOutputPort(name), surface.GetInputPort(name))
+        Connect(builder, controller, surface, "measured_pose", "measured_velocity")
         for name in ("orientation", "angular_velocity"):
             desired = controller.GetInputPort(f"desired_{name}")
             builder.Connect(surface.GetOutputPort(name), desired)

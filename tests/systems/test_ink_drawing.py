@@ -119,8 +119,8 @@ def test_dollar_signs_do_not_begin_a_formula():
         (" \n ", {}, "no words"),
         ("\u200b", {}, "cannot write"),
         ("\U0001f9fd", {}, "cannot write"),
-        ("a", {"height": 0.0}, "height is 0.0"),
-        ("a", {"height": np.nan}, "height is nan"),
+        ("a", {"height": 0.0}, "height of the words is 0.0"),
+        ("a", {"height": np.nan}, "height of the words is nan"),
         ("a", {"height": 1e-5}, "no ink on the board"),
     ],
 )
@@ -217,5 +217,5 @@ def test_files_that_are_not_pictures_are_refused(tmp_path, picture):
     Image.new("L", (5, 5), 255).save(white)
     with pytest.raises(SystemsError, match="no ink on the board"):
         draw_picture(GRID, white)
-    with pytest.raises(SystemsError, match="size is -1"):
+    with pytest.raises(SystemsError, match="width of the picture is -1"):
         draw_picture(GRID, picture, size=-1)

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import Adder
 
 from fmp_drake.numeric import Array
 from fmp_drake.station.arm_controller import AddNormalForceEstimator
-from fmp_drake.station.board_scene import BoardScene
+from fmp_drake.station.board_scene import BODIES, BoardScene, Connect
 from fmp_drake.station.models.whiteboard import BoardBox
 from fmp_drake.station.robots.robot import CollectCollisionSpheres
 from fmp_drake.station.scenario import Scenario
@@ -110,8 +110,7 @@ def AddInk(builder: DiagramBuilder, scene: BoardScene) -> InkBoard:
         period=scenario.ink.period,
     )
     builder.AddSystem(ink)
-    for name in ("contact_results", "body_poses", "body_spatial_velocities"):
-        builder.Connect(scene.plant.GetOutputPort(name), ink.GetInputPort(name))
+    Connect(builder, scene.plant, ink, "contact_results", *BODIES)
     return ink
 
 
@@ -162,9 +161,7 @@ def AddSurfaceMonitor(
             on_arm=np.arange(len(arm.radii) + len(eraser.radii)) < len(arm.radii),
         )
     )
-    builder.Connect(
-        plant.get_body_poses_output_port(), monitor.GetInputPort("body_poses")
-    )
+    Connect(builder, plant, monitor, "body_poses")
     total = builder.AddNamedSystem("status", Adder(2, STATUS_SIZE))
     builder.Connect(status, total.get_input_port(0))
     builder.Connect(monitor.GetOutputPort("status"), total.get_input_port(1))

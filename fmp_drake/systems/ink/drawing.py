@@ -84,8 +84,6 @@ def draw_words(
     """
     if not text.strip():
         raise SystemsError("draw_words got no words: give text that can be seen.")
-    if height is not None:
-        check_number(height, "height", above=0, unit="m", error=SystemsError)
     outlines: list[Array] = []
     for i, line in enumerate(text.strip("\n").split("\n")):
         polygons = _outlines(line)
@@ -97,13 +95,7 @@ def draw_words(
     low, high = points.min(axis=0), points.max(axis=0)
     available, pitch, shape = _canvas(grid, quarter_turns)
     largest = float(np.min(available / (high - low)))
-    if height is None:
-        height = largest
-    elif height > (largest := largest / (1 - 2 * MARGIN)):
-        raise SystemsError(
-            f"words of a height of {height:g} m are larger than the board; it has room for "
-            f"{largest:.3g} m."
-        )
+    height = _size(height, "the height of the words", largest)
     middle = 0.5 * (low + high)
     canvas = np.zeros(shape, dtype=bool)
     size = np.array(canvas.shape[::-1])
@@ -151,18 +143,10 @@ def draw_picture(
         If there is no such file, it is not a picture or broken, the size is not
         positive, or the picture leaves no ink on the board.
     """
-    if size is not None:
-        check_number(size, "size", above=0, unit="m", error=SystemsError)
     picture = _read(Path(path))
     available, pitch, shape = _canvas(grid, quarter_turns)
     largest = float(min(available[0], available[1] * picture.width / picture.height))
-    if size is None:
-        size = largest
-    elif size > (largest := largest / (1 - 2 * MARGIN)):
-        raise SystemsError(
-            f"a picture of a width of {size:g} m is larger than the board; it has room for "
-            f"{largest:.3g} m."
-        )
+    size = _size(size, "the width of the picture", largest)
     extent = np.array([size, size * picture.height / picture.width])
     pixels = np.maximum(np.rint(extent * _FINE / pitch), 1).astype(int)
     small = picture.resize((int(pixels[0]), int(pixels[1])), Image.Resampling.BOX)
@@ -176,6 +160,18 @@ def draw_picture(
             "dark is ink."
         )
     return ink
+
+
+def _size(given: float | None, what: str, largest: float) -> float:
+    """Return a size in m, checked; without one, the largest that keeps the margins."""
+    if given is None:
+        return largest
+    check_number(given, what, above=0, unit="m", error=SystemsError)
+    if given > (most := largest / (1 - 2 * MARGIN)):
+        raise SystemsError(
+            f"{what} is {given:g} m, larger than the board; it has room for {most:.3g} m."
+        )
+    return given
 
 
 def _outlines(line: str) -> list[Array]:
