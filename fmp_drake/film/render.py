@@ -230,7 +230,8 @@ def film_run(
 def _captions(run: StationRun, reel: FilmReel) -> list[str]:
     """Return the text of each frame."""
     speed = f", {reel.speed:g} times as fast" if reel.speed != 1 else ""
-    texts = [f"{time:.0f} s{speed}" for time in reel.times]
+    digits = 0 if reel.speed >= 1 else 1
+    texts = [f"{time:.{digits}f} s{speed}" for time in reel.times]
     if not isinstance(run, WipingRun):
         return texts
     times, values = run.log_times("normal_force"), run.log("normal_force")[:, 0]

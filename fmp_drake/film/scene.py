@@ -232,6 +232,9 @@ def draw_caption(picture: Image.Image, text: str) -> None:
     size, margin = max(8, picture.height // 30), max(4, picture.height // 40)
     font = ImageFont.truetype(str(fonts / "DejaVuSans.ttf"), size)
     draw = ImageDraw.Draw(picture)
+    width = draw.textbbox((0, 0), text, font=font)[2]
+    if width > (most := picture.width - 2 * margin):
+        font = font.font_variant(size=max(1, int(size * most / width)))
     position = (margin, picture.height - margin)
     draw.text(position, text, anchor="ld", font=font, fill=_CAPTION_COLOR)
 

@@ -20,6 +20,7 @@ from fmp_drake.plots.style import (
     set_title,
 )
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Rhythm
+from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import as_windows, demonstration_list
 from fmp_drake.primitives.editing.spectrum import polar
 
@@ -133,7 +134,7 @@ def draw_windows_in_plane(
     panel = PlanePanel(Channels.of_skill(skill), ax)
     windows = _windows(skill, demonstrations)
     count, seconds = len(windows), skill.n_steps / skill.rate
-    title = f"{count} windows of {seconds:g} s"
+    title = f"{count_text(count, 'window')} of {seconds:g} s"
     if count > _MAX_WINDOWS:
         title = f"{_MAX_WINDOWS} of {title}"
         windows = windows[np.linspace(0, count - 1, _MAX_WINDOWS).round().astype(int)]
@@ -195,7 +196,7 @@ def draw_spectra(
         ax.plot(frequencies, middle, "o", color="0.15", markersize=3.5, label="median")
         ax.set_ylim(bottom=0)
         ax.set_xlim(left=0)
-    title = f"harmonics of {len(windows)} windows"
+    title = f"harmonics of {count_text(len(windows), 'window')}"
     labels = Channels.of_skill(skill).labels
     return finish_times(axes, labels, title=title, xlabel="frequency (Hz)")
 

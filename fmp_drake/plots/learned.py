@@ -27,11 +27,13 @@ from fmp_drake.plots.style import (
     add_lines,
     component_color,
     finish_times,
+    legend_above,
     lighten,
     series_style,
     set_title,
 )
 from fmp_drake.primitives import FourierMovementPrimitive, PlaybackState, Player
+from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import demonstration_list
 
 _CONFIDENCE = 0.95
@@ -336,17 +338,23 @@ def draw_phase(
     )
     tempo_axes.set(xlabel="demonstrated cycle", ylabel="of the mean (%)")
     tempo_axes.locator_params(axis="x", integer=True)
+    tempo_axes.set_xlim(0.5, model.cycles + 0.5)
     tempo_axes.legend(frameon=False)
-    set_title(tempo_axes, f"{model.cycles} cycles of {skill.period_:.2f} s")
+    cycles = count_text(model.cycles, "cycle")
+    set_title(tempo_axes, f"{cycles} of {skill.period_:.2f} s")
     factor = model.residual.factor(_PHASES) * skill.scales_[:, None]
     spread = np.sqrt(np.sum(factor**2, axis=2))
-    for i, name in enumerate(channels.names):
+    unit = channels.units[0]
+    if len(set(channels.units)) > 1:
+        unit = "% of the range"
+        spread *= 100 / channels.ranges(skill.extent_)
+    for i, name in enumerate(channels.short_names):
         residual_axes.plot(_PHASES, spread[:, i], **series_style(i), label=name)
-    units = ", ".join(sorted(set(channels.units)))
-    residual_axes.set(xlabel="phase (rad)", ylabel=f"standard deviation ({units})")
+    ylabel = "standard deviation" + (f" ({unit})" if unit != "1" else "")
+    residual_axes.set(xlabel="phase (rad)", ylabel=ylabel)
     residual_axes.set_ylim(bottom=0)
-    residual_axes.legend(frameon=False)
-    set_title(residual_axes, "residual of the cycle")
+    rows = legend_above(residual_axes)
+    set_title(residual_axes, "residual of the cycle" + rows * "\n")
 
 
 def draw_rollout_in_plane(
@@ -384,7 +392,7 @@ def draw_rollout_in_plane(
     lines.set_clim(0, duration)
     panel.starts(values[:, 0])
     add_colorbar(panel.ax, lines, "time (s)")
-    return panel.finish(f"played for {duration:g} s from the ring")
+    return panel.finish(f"played for {duration:g} s\nfrom the ring")
 
 
 def draw_rollout_over_time(

@@ -43,10 +43,11 @@ def plot_reach(feasibility: "Feasibility", path: str | Path) -> None:
     """
     x, y, margin = feasibility.cells
     panel = PlanePanel(Channels(("x", "y"), ("m", "m")), None)
+    dx, dy = x[1] - x[0], y[1] - y[0]  # Cells are drawn around their middles.
     board = Rectangle(
-        (y[0], x[0]),
-        float(np.ptp(y)),
-        float(np.ptp(x)),
+        (y[0] - dy / 2, x[0] - dx / 2),
+        float(np.ptp(y) + dy),
+        float(np.ptp(x) + dx),
         facecolor="0.93",
         edgecolor="0.78",
         hatch="////",

@@ -1,5 +1,6 @@
 """Colours, channels, axes, legends and file formats of all pictures."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import ArrayLike
 
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import Array
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
 from fmp_drake.primitives.data.files import check_writable, replaced
 from fmp_drake.primitives.data.windows import demonstration_list
@@ -55,6 +57,7 @@ DENSITY_MAP: Colormap = LinearSegmentedColormap.from_list(
 type Demonstrations = Demonstration | Sequence[Demonstration]
 # Smallest ratio of the shorter to the longer side of axes with equal scales.
 _MIN_RATIO = 0.4
+_LONGEST_NAME = 12  # Of a channel, letters.
 _PLANE_WIDTH = 5.5  # Of a figure with one picture, inches.
 
 
@@ -252,10 +255,29 @@ class Channels:
                 )
 
     @property
+    def short_names(self) -> list[str]:
+        """Names for a picture: the ends of long ones, without Matplotlib's formulas."""
+        names = [
+            name if len(name) <= _LONGEST_NAME else f"…{name[1 - _LONGEST_NAME :]}"
+            for name in self.names
+        ]
+        # A legend leaves out what begins with an underscore.
+        return [re.sub("^_", " _", name.replace("$", r"\$")) for name in names]
+
+    @property
     def labels(self) -> list[str]:
-        """Name and unit of each channel."""
-        pairs = zip(self.names, self.units, strict=True)
-        return [f"{name} ({unit})" for name, unit in pairs]
+        """Short name and unit of each channel."""
+        pairs = zip(self.short_names, self.units, strict=True)
+        return [name if unit == "1" else f"{name} ({unit})" for name, unit in pairs]
+
+    def ranges(self, extent: Array) -> Array:
+        """Return the largest range of the channels with each channel's unit, shape (D,).
+
+        `extent` (2, D) has the least and the greatest value of each channel.
+        """
+        units = np.array(self.units)
+        ranges = np.ptp(extent, axis=0)
+        return np.array([np.max(ranges[units == unit]) or 1.0 for unit in units])
 
 
 class PlanePanel:
@@ -325,6 +347,8 @@ class PlanePanel:
                 self._figure.set_figheight(1.0 + (_PLANE_WIDTH - 1.2) * ratio)
             else:
                 _thin_out_ticks(ax)
+        elif self._figure is None:
+            ax.locator_params(nbins=4)
         return ax
 
 
@@ -334,8 +358,10 @@ def _thin_out_ticks(ax: Axes) -> None:
     ratio = abs(np.ptp(ax.get_xlim()) / np.ptp(ax.get_ylim()))
     shorter: Literal["x", "y"] = "x" if ratio < 1 else "y"
     if (ratio := min(ratio, 1 / ratio)) < 0.8:
-        bins = max(2, int(4 * ratio))
-        ax.locator_params(axis=shorter, nbins=bins, min_n_ticks=2)
+        # Labels side by side need more room. One is enough: the scales are equal.
+        least = 1 if shorter == "x" else 2
+        bins = max(least, int(4 * ratio))
+        ax.locator_params(axis=shorter, nbins=bins, min_n_ticks=least)
 
 
 def _widen(ax: Axes) -> None:

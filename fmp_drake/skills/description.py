@@ -1,5 +1,6 @@
 """Descriptions of recordings and skills in words."""
 
+import math
 from collections.abc import Iterator
 from itertools import groupby
 from typing import Any
@@ -102,9 +103,11 @@ def _about_windows(skill: FourierMovementPrimitive) -> list[str]:
 
 def _about_cycles(skill: FourierMovementPrimitive, phase: PhaseModel) -> list[str]:
     tempos, sizes = skill.tempos_, skill.amplitudes_
+    spread = ""
+    if phase.cycles > 1:
+        spread = f", tempo {_percent(tempos)}, size {_percent(sizes)} of the mean"
     remarks = [
-        f"{phase.cycles} whole cycles of {skill.period_:.2f} s, tempo "
-        f"{_percent(tempos)}, size {_percent(sizes)} of the mean; "
+        f"{count_text(phase.cycles, 'whole cycle')} of {skill.period_:.2f} s{spread}; "
         + (
             "more would hardly help"
             if phase.cycles >= _ENOUGH_CYCLES
@@ -128,7 +131,7 @@ def _about_playing(skill: FourierMovementPrimitive) -> str:
     seconds = _SECONDS if skill.phase_model_ is None else max(_SECONDS, skill.period_)
     motion = player.rollout(start, 2 * seconds)[round(seconds * skill.rate) :]
     covers = ", ".join(
-        f"{name} {_rounded(low)} to {_rounded(high)} {unit}"
+        f"{name} {_range_in_words(low, high)} {'' if unit == '1' else unit}".rstrip()
         for name, unit, low, high in zip(
             skill.channels_,
             skill.units_,
@@ -143,13 +146,17 @@ def _about_playing(skill: FourierMovementPrimitive) -> str:
     metres = [unit == "m" for unit in skill.units_]
     if any(metres):
         speed = float(np.linalg.norm(motion[:, 1, metres], axis=-1).max())
-        sentence += f", at up to {speed:.2f} m/s"
+        sentence += f", at up to {speed:.2g} m/s"
     return sentence
 
 
-def _rounded(value: float) -> str:
+def _range_in_words(low: float, high: float) -> str:
+    """Return two numbers with two digits of their difference, or with two decimals."""
+    digits = 1 - math.floor(math.log10(high - low)) if high > low else 2
+    digits = digits if 2 < digits <= 6 else 2  # Less than 1e-5 is a rounding error.
     # A small negative number would become -0.00.
-    return f"{round(value, 2) + 0.0:.2f}"
+    ends = (round(value, digits) + 0.0 for value in (low, high))
+    return " to ".join(f"{end:.{digits}f}" for end in ends)
 
 
 def _percent(values: Array) -> str:

@@ -67,6 +67,8 @@ def MakeStation(
     (CENIC) give the Simulator the scenario's integrator:
     ``ApplySimulatorConfig(scenario.simulator, simulator)``. This Drake function sets the
     time of the simulator's context to 0: restore a saved context after it, not before.
+    Several stations in one diagram need names of their own: add each by
+    ``DiagramBuilder.AddNamedSystem``.
 
     Systems of every station: controller and driver; plant and scene_graph of a simulated
     arm. Further systems:

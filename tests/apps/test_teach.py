@@ -228,7 +228,8 @@ def test_drag_with_shift_or_with_the_switch_turns_the_tool(tmp_path, has_touch):
     session = TeachingSession(
         scenario, MouseOnPage(panel.meshcat), panel=panel, clock=None
     )
-    TeachPage(panel, scenario).show(session)
+    buttons = TeachPage(panel, scenario)
+    buttons.show(session)
     session.advance(0.5)
 
     def is_turning():
@@ -260,14 +261,28 @@ def test_drag_with_shift_or_with_the_switch_turns_the_tool(tmp_path, has_touch):
         wait_until(is_turning)
         page.run(STUB)
         session.advance(0.1)
+
+        def move(x, y):
+            if has_touch:
+                page.touch("Move", x, y)
+            else:
+                page.mouse("moved", x, y, modifiers=SHIFT)
+            session.advance(0.05)
+
         for i in range(30):
             way = at + np.array([i, 0])
-            if has_touch:
-                page.touch("Move", *way)
-            else:
-                page.mouse("moved", *way, modifiers=SHIFT)
-            session.advance(0.05)
+            move(*way)
         assert session.is_guided
+        buttons.show(session)
+        page.wait_for("document.getElementById('fmp-mode').className === 'good'")
+        # A jump of the cursor ends the drag, and the page says so.
+        move(*(way - [0, 250]))
+        session.advance(0.1)
+        assert not session.is_guided
+        buttons.show(session)
+        page.wait_for(
+            "document.getElementById('fmp-grasp').textContent.startsWith('not guided')"
+        )
         if has_touch:
             page.touch("End")
         else:

@@ -193,6 +193,13 @@ def test_a_caption_is_drawn_at_the_lower_left():
     assert columns.max() < 160
 
 
+def test_a_caption_fits_the_width_of_its_picture():
+    picture = Image.new("RGB", (100, 76), "white")
+    draw_caption(picture, "12 s, 0.1 times as fast\nforce 9.8 N (desired 5 to 15 N)")
+    _, columns = np.nonzero(np.asarray(picture).min(axis=2) < 200)
+    assert 70 < columns.max() < 98
+
+
 def test_a_trail_is_drawn_on_the_board_only(station):
     clean = np.zeros(GRID.shape)
     points = np.column_stack(

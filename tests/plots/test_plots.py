@@ -38,7 +38,7 @@ from fmp_drake.plots.learned import (
     grid_edges,
 )
 from fmp_drake.plots.skill_page import draw_skill
-from fmp_drake.plots.style import component_color, series_style
+from fmp_drake.plots.style import Channels, component_color, legend_above, series_style
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
@@ -598,6 +598,38 @@ class TestPhase:
         assert np.ptp(phase) == pytest.approx(2 * np.pi)
         assert value[0] == pytest.approx(value[-1])
         assert np.ptp(value) == pytest.approx(0.2, rel=0.1)
+
+    def test_residuals_of_several_units_are_in_percent_of_their_range(self, shown):
+        skill = FourierMovementPrimitive(
+            model="phase", n_steps=24, rate=10.0, overlap=4
+        ).fit(shown[6])
+        axes = Figure().subplots(1, 3)
+        draw_phase(skill, axes)
+        spread = axes[2]
+        assert spread.get_ylabel() == "standard deviation (% of the range)"
+        # Of channels with one unit that of the largest range counts.
+        ranges = np.ptp(skill.extent_, axis=0)
+        assert ranges[1] > 10 * ranges[2]
+        factor = (
+            skill.phase_model_.residual.factor(np.zeros(1)) * skill.scales_[:, None]
+        )
+        for i, largest in ((1, 1), (2, 1), (3, 3)):
+            drawn = spread.lines[i].get_ydata()[0]
+            expected = 100 * np.linalg.norm(factor[0, i]) / ranges[largest]
+            assert drawn == pytest.approx(expected)
+
+
+def test_names_of_channels_are_short_and_no_formulas():
+    names = ("x", "_y", "left/gripper/force_0", "a$b_{$")
+    channels = Channels(names, ("m", "1", "N", "m"))
+    assert channels.short_names == ["x", " _y", "…per/force_0", r"a\$b_{\$"]
+    assert channels.labels[:3] == ["x (m)", " _y", "…per/force_0 (N)"]
+    ax = single()
+    for name in channels.short_names:
+        ax.plot([0, 1], label=name)
+    legend_above(ax)
+    ax.figure.canvas.draw()
+    assert len(ax.get_legend().get_texts()) == len(names)
 
 
 class TestPages:

@@ -13,7 +13,7 @@ from fmp_drake.primitives import (
     modulate_skill,
     save_skill,
 )
-from fmp_drake.skills import learn_skill, scenario_skill
+from fmp_drake.skills import description, learn_skill, scenario_skill
 from fmp_drake.skills.description import (
     describe_recording,
     skill_in_words,
@@ -211,4 +211,27 @@ def test_an_extent_of_zero_has_no_sign():
     circles[:, 2] = -1e-3 * (1 + np.cos(2 * time))
     skill = FourierMovementPrimitive(rate=20).fit(circles)
     played = skill_in_words(skill)[-1]
-    assert "to 0.10 m, z 0.00 to 0.00 m" in played
+    assert "to 0.10 m, z -0.0020 to 0.0000 m" in played
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "words"),
+    [
+        (-0.1, 0.1, "-0.10 to 0.10"),
+        (-0.003, 0.003, "-0.0030 to 0.0030"),
+        (999.999, 1000.001, "999.9990 to 1000.0010"),
+        (3.0, 27.0, "3.00 to 27.00"),
+        (-1e-16, 1e-16, "0.00 to 0.00"),
+        (0.25, 0.25, "0.25 to 0.25"),
+    ],
+)
+def test_ranges_are_told_with_two_digits_of_their_difference(low, high, words):
+    assert description._range_in_words(low, high) == words
+
+
+def test_one_cycle_has_no_spread():
+    time = np.arange(0, 4.4, 0.05)
+    circles = 0.1 * np.column_stack([np.cos(2 * time), np.sin(2 * time)])
+    skill = FourierMovementPrimitive(rate=20, model="phase").fit(circles)
+    (cycles,) = [line for line in skill_in_words(skill) if "whole cycle" in line]
+    assert re.fullmatch(r"1 whole cycle of 3\.1\d s; 12 or more would help", cycles)
