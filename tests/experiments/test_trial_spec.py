@@ -200,6 +200,14 @@ def test_missing_specification_lists_the_bundled_ones():
         TrialSpec.load("nowhere")
 
 
+def test_numbers_with_exponents_are_numbers():
+    trial = TrialSpec(
+        "fields: {eraser.modulus: 1e5, press.force: {uniform: [5e0, 1.1e+1]}}"
+    ).draw(seed=0, number=0)
+    assert trial.fields["eraser"]["modulus"] == 1e5
+    assert 5 < trial.parameters["press.force"] < 11
+
+
 @pytest.mark.parametrize("name", ["default", "surfaces"])
 def test_bundled_trials_can_be_drawn(name):
     spec = TrialSpec.load(name)

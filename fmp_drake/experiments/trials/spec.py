@@ -341,11 +341,22 @@ def own_files(fields: Mapping[str, Any]) -> list[Path]:
     return files
 
 
+class _Loader(yaml.SafeLoader):
+    """Loader that reads `1e5` as a number, as scenarios do; in YAML 1.1 it is a word."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+"),
+    list("-+0123456789"),
+)
+
+
 def _read_yaml(text: str) -> Any:
     """Return the content of a specification."""
     check_yaml(text, "the specification", ExperimentError)
     try:
-        return yaml.safe_load(text)
+        return yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError) as error:
         raise ExperimentError(
             f"the specification cannot be read as YAML: {error}."
