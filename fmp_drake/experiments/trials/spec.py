@@ -341,13 +341,13 @@ def own_files(fields: Mapping[str, Any]) -> list[Path]:
     return files
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
     """Loader that reads `1e5` as a number, as scenarios do; in YAML 1.1 it is a word."""
 
 
 _Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+"),
+    re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+$"),
     list("-+0123456789"),
 )
 
