@@ -1,5 +1,6 @@
 """The documentation site: ``make docs``."""
 
+import os
 import re
 import sys
 from importlib import import_module
@@ -84,6 +85,17 @@ html_theme_options = {
     "footer_start": ["copyright"],
     "footer_end": [],
 }
+# The address of the repository is known where the site is published from it.
+if (server := os.environ.get("GITHUB_SERVER_URL")) and (
+    repository := os.environ.get("GITHUB_REPOSITORY")
+):
+    html_theme_options["icon_links"] = [
+        {
+            "name": "Repository",
+            "url": f"{server}/{repository}",
+            "icon": "fa-brands fa-github",
+        }
+    ]
 project_copyright = "2026, the fmp_drake authors"
 autosummary_generate = True
 autodoc_typehints = "none"
