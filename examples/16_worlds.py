@@ -2,7 +2,7 @@
 Randomised scenarios
 ====================
 
-Ten tuned scenarios prove little. Randomise any field of a scenario, and look at the failed ones.
+A few tuned scenarios prove little. Randomise any field of a scenario, and look at the failed ones.
 `fmp-drake worlds` runs thousands from the command line, on all cores or on a cluster. It continues
 where it was stopped, and writes a report.
 """

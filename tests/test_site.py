@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from fmp_drake.apps.commands import app
-from fmp_drake.station import ParseScenario
+from fmp_drake.skills import scenario_skill
+from fmp_drake.station import CheckFeasibility, ParseScenario
 
 SITE = Path(__file__).resolve().parents[1] / "examples" / "site"
 PAGES = sorted(SITE.glob("[!g]*.rst")) + sorted(SITE.glob("[ht]*/*.rst"))
@@ -59,9 +60,21 @@ def test_scenarios_are_understood():
         ParseScenario(text)
 
 
+def test_skills_can_be_followed_on_the_boards_that_are_described():
+    texts = blocks("yaml", SITE / "howto" / "boards.rst")
+    scenarios = [ParseScenario(text) for text in texts if "demonstration: " in text]
+    assert len(scenarios) > 1
+    for scenario in scenarios:
+        skill, *_ = scenario_skill(scenario)
+        found = CheckFeasibility(scenario, skill)
+        assert found.is_feasible, found.verdict
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RECIPES)
-def test_programs_of_a_page_run_one_after_the_other(name, tmp_path, monkeypatch):
+def test_programs_of_a_page_run_one_after_the_other(
+    name, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     time = np.arange(800) / 20
     path = [0.1 * np.cos(2.1 * time), 0.2 * np.sin(2.1 * time), 0 * time]
@@ -70,6 +83,7 @@ def test_programs_of_a_page_run_one_after_the_other(name, tmp_path, monkeypatch)
     program = tmp_path / "program.py"
     program.write_text("".join(blocks("python", SITE / "howto" / name)), "utf-8")
     runpy.run_path(str(program))
+    assert "cannot follow" not in capsys.readouterr().out
 
 
 def test_dead_links_are_found(tmp_path, monkeypatch):

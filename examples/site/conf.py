@@ -99,6 +99,7 @@ if (server := os.environ.get("GITHUB_SERVER_URL")) and (
 project_copyright = "2026, the fmp_drake authors"
 autosummary_generate = True
 autodoc_typehints = "none"
+autodoc_preserve_defaults = True
 numpydoc_show_class_members = False
 toc_object_entries_show_parents = "hide"
 sphinx_gallery_conf = {

@@ -75,9 +75,11 @@ def check(
         **feasibility.values,
     }
     write_metrics(console, metrics, report)
-    if feasibility.is_feasible:
-        print_next(console, "wipe", *arguments(scene, learning, recording))
-    else:
+    is_ready = all(finding.is_good for finding in findings)
+    if not feasibility.is_feasible:
         console.print(advice(feasibility, scene, learning, recording))
-    if not (feasibility.is_feasible and all(finding.is_good for finding in findings)):
+    elif is_ready:
+        flags = [] if arm is None else ["--arm", arm]
+        print_next(console, "wipe", *arguments(scene, learning, recording), *flags)
+    if not (feasibility.is_feasible and is_ready):
         sys.exit(1)

@@ -19,12 +19,12 @@ class ReproduceOptions:
     """Experiments, and files to write."""
 
     out: Path = option(help="Folder to write into.")
-    quick: bool = option(False, "Fewer samples and seeds: 1 to 2 minutes.")
+    quick: bool = option(False, "Fewer samples and seeds: about a minute.")
 
 
 @command(
     {
-        "fmp-drake reproduce --out report --quick": "the report in a few minutes",
+        "fmp-drake reproduce --out report --quick": "the report in about a minute",
     }
 )
 def reproduce(to: ReproduceOptions) -> None:

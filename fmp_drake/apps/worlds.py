@@ -75,9 +75,9 @@ def worlds(
 ) -> None:
     """Run randomised scenarios from SOURCE, and report which failed and why.
 
-    SOURCE is a YAML file of distributions, or the name of a bundled one (default). The same
-    command again continues where it was stopped. If SOURCE is a folder of trials, its
-    report is written again, or one trial is run again.
+    SOURCE is a YAML file of distributions, or the name of a bundled one (default or
+    surfaces). The same command again continues where it was stopped. If SOURCE is a folder
+    of trials, its report is written again, or one trial is run again.
     """
     console = make_console()
     check_writable(output.parquet, "a table", [".parquet"])

@@ -369,9 +369,9 @@ def limited_torque(
 
 @dataclass(kw_only=True)
 class FrictionConfig:
-    """Friction of joints, a sigmoid of their velocities [1]_.
+    """Friction of joints, a sigmoid of their velocities.
 
-    A station replaces an empty list by the values of its robot.
+    Its form is that of [1]_. A station replaces an empty list by the values of its robot.
 
     Attributes
     ----------
