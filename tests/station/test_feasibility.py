@@ -511,8 +511,12 @@ def test_board_beyond_the_range_of_the_search_is_refused(bundled_skill, height, 
     found = CheckFeasibility(scenario, skill)
     assert f"9 % of the path the board is up to {words} than assumed" in found.verdict
     assert "a greater impedance.force_control.search_range." in found.verdict
-    scenario.impedance.force_control.search_range = 1.1 * abs(height)
+    force_control = scenario.impedance.force_control
+    force_control.search_range = 1.1 * abs(height)
     assert CheckFeasibility(scenario, skill).is_feasible
+    # With force control the arm yields to a board that is too high.
+    force_control.search_range, force_control.enabled = 0.03, True
+    assert CheckFeasibility(scenario, skill).is_feasible == (height > 0)
 
 
 def test_tilted_board_is_refused_where_it_is_beyond_the_range_of_the_search(

@@ -252,7 +252,7 @@ class TrialSpec:
             single_value = self._absolute_path(name, take(name, value))
             if name != _DEMONSTRATION or has_board:
                 _put(fields, name, single_value)
-            else:  # It is drawn, so that the values after it depend on no other, but unused.
+            else:  # Not played, but drawn, so that later draws do not depend on the base.
                 parameters.pop(name, None)
         for name, value in self._offsets.items():
             offset = take(f"{name}, offset", value)

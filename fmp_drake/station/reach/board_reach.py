@@ -256,7 +256,10 @@ class BoardReach:
         X_BA = board.pose().inverse() @ board.assumed_pose()
         p_AE = place(self._surface, (paths * [1, 1, 0])[pressed])
         height = along(self._surface, moved(X_BA.GetAsMatrix34(), p_AE))[:, 2]
-        most = scenario.impedance.force_control.search_range
+        force_control = scenario.impedance.force_control
+        most = force_control.search_range
+        if force_control.enabled:  # Then the arm yields to a board that is too high.
+            height = np.maximum(height, 0.0)
         off = np.sum(np.abs(height) > most) / pressed.size
         is_misplaced = bool(off > self._bounds.exceptions)
         if is_misplaced:
