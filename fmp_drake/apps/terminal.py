@@ -33,9 +33,7 @@ def interrupts() -> Iterator[None]:
     if not _is_main():
         yield
         return
-    hook = sys.unraisablehook
-
-    timers: list[threading.Timer] = []
+    hook, timers = sys.unraisablehook, list[threading.Timer]()
 
     def repeat(unraisable: "sys.UnraisableHookArgs") -> None:
         if _received:

@@ -31,6 +31,7 @@ from fmp_drake.plots.style import (
     lighten,
     series_style,
     set_title,
+    with_unit,
 )
 from fmp_drake.primitives import FourierMovementPrimitive, PlaybackState, Player
 from fmp_drake.primitives.data.reading.table import count_text
@@ -350,7 +351,7 @@ def draw_phase(
         spread *= 100 / channels.ranges(skill.extent_)
     for i, name in enumerate(channels.short_names):
         residual_axes.plot(_PHASES, spread[:, i], **series_style(i), label=name)
-    ylabel = "standard deviation" + (f" ({unit})" if unit != "1" else "")
+    ylabel = with_unit("standard deviation", unit)
     residual_axes.set(xlabel="phase (rad)", ylabel=ylabel)
     residual_axes.set_ylim(bottom=0)
     rows = legend_above(residual_axes)

@@ -174,6 +174,11 @@ def label_decades(axis: Axis, multiples: Sequence[float]) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
+def with_unit(text: str, unit: str) -> str:
+    """Return the label of an axis; a unit of 1 is left out."""
+    return text if unit == "1" else f"{text} ({unit})"
+
+
 def set_title(ax: Axes, title: str) -> None:
     """Set the title at the left."""
     ax.set_title(title, loc="left", fontsize="medium")
@@ -268,7 +273,7 @@ class Channels:
     def labels(self) -> list[str]:
         """Short name and unit of each channel."""
         pairs = zip(self.short_names, self.units, strict=True)
-        return [name if unit == "1" else f"{name} ({unit})" for name, unit in pairs]
+        return [with_unit(name, unit) for name, unit in pairs]
 
     def ranges(self, extent: Array) -> Array:
         """Return the largest range of the channels with each channel's unit, shape (D,).

@@ -577,6 +577,15 @@ class TestPlayed:
 
 
 class TestPhase:
+    def drawn(self, demonstration):
+        """Return a phase model of a demonstration, and its three pictures."""
+        skill = FourierMovementPrimitive(
+            model="phase", n_steps=24, rate=10.0, overlap=4
+        ).fit(demonstration)
+        axes = Figure().subplots(1, 3)
+        draw_phase(skill, axes)
+        return skill, axes
+
     def test_a_mixture_has_no_phase(self, shown):
         mixture = FourierMovementPrimitive(
             model="mixture", n_steps=24, rate=10.0, overlap=4, n_components=2
@@ -585,12 +594,7 @@ class TestPhase:
             draw_phase(mixture, Figure().subplots(1, 3))
 
     def test_the_cycle_of_one_channel_is_drawn_over_its_phase(self, shown):
-        skill = FourierMovementPrimitive(
-            model="phase", n_steps=24, rate=10.0, overlap=4
-        ).fit(shown[1])
-        axes = Figure().subplots(1, 3)
-        draw_phase(skill, axes)
-        cycle, _, spread = axes
+        _, (cycle, _, spread) = self.drawn(shown[1])
         assert cycle.get_xlabel() == spread.get_xlabel() == "phase (rad)"
         assert cycle.get_ylabel() == "x (m)"
         (line,) = cycle.lines
@@ -600,12 +604,7 @@ class TestPhase:
         assert np.ptp(value) == pytest.approx(0.2, rel=0.1)
 
     def test_residuals_of_several_units_are_in_percent_of_their_range(self, shown):
-        skill = FourierMovementPrimitive(
-            model="phase", n_steps=24, rate=10.0, overlap=4
-        ).fit(shown[6])
-        axes = Figure().subplots(1, 3)
-        draw_phase(skill, axes)
-        spread = axes[2]
+        skill, (*_, spread) = self.drawn(shown[6])
         assert spread.get_ylabel() == "standard deviation (% of the range)"
         # Of channels with one unit that of the largest range counts.
         ranges = np.ptp(skill.extent_, axis=0)

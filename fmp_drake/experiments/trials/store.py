@@ -24,11 +24,9 @@ CREATE TABLE IF NOT EXISTS worlds (
     verdict TEXT NOT NULL, checked TEXT NOT NULL, metrics TEXT NOT NULL,
     events TEXT NOT NULL, error TEXT NOT NULL, attempts INTEGER NOT NULL, cpu_seconds REAL NOT NULL);
 """
-# Only where another version of the code has run the same trial since.
-_MAKE_LAST = """
-UPDATE worlds SET rowid = (SELECT max(rowid) + 1 FROM worlds) WHERE key = ? AND
-    rowid < (SELECT max(rowid) FROM worlds AS same WHERE same.number = worlds.number);
-"""
+_MAKE_LAST = (
+    "UPDATE worlds SET rowid = (SELECT max(rowid) + 1 FROM worlds) WHERE key = ?"
+)
 # Columns in JSON, which can represent NaN, unlike a number in SQLite.
 _JSON = ("parameters", "checked", "metrics")
 
@@ -151,13 +149,22 @@ class TrialStore:
         With `force` those that were found infeasible, but not run, are missing. The stored
         rows of the others become the last ones, which `trials` returns.
         """
-        rows = self._base.execute("SELECT key, metrics, error FROM worlds")
-        finished = {
-            k for k, metrics, error in rows if not force or metrics != "null" or error
-        }
+        finished, last = set[str](), dict[int, str]()
+        for key, number, metrics, error in self._base.execute(
+            "SELECT key, number, metrics, error FROM worlds ORDER BY rowid"
+        ):
+            last[number] = key
+            if not force or metrics != "null" or error:
+                finished.add(key)
         keys = {self.key(trial): trial for trial in trials}
+        # Another version of the code has run these since.
+        earlier = [
+            (key,)
+            for key, trial in keys.items()
+            if key in finished and key != last[trial.number]
+        ]
         with self._reported():
-            self._base.executemany(_MAKE_LAST, [(k,) for k in keys if k in finished])
+            self._base.executemany(_MAKE_LAST, earlier)
         return [trial for key, trial in keys.items() if key not in finished]
 
     def trial(self, number: int) -> Trial:

@@ -236,7 +236,7 @@ class BoardReach:
         return np.tile(is_low, (boards, 1))
 
     def missing_board(self, paths: Array) -> tuple[list[str], bool]:
-        """Return the faults of paths (B, T, 3) that press where there is no board.
+        """Return the faults of paths (B, T, 3) along which the eraser finds no board to press.
 
         The last value is whether the actual board is farther from the assumed one than the
         arm searches.
