@@ -15,6 +15,7 @@ from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.trials.trial import Trial
 from fmp_drake.numeric import check_number, is_number, is_whole, shown
 from fmp_drake.settings import check_yaml
+from fmp_drake.skills.learning import default_demonstration
 from fmp_drake.station import LoadRobot, LoadScenario, ParseScenario, models_dir
 from fmp_drake.station.scenario_parts import field_names
 from fmp_drake.systems.scripted_disturbances import Disturbance
@@ -303,7 +304,9 @@ class TrialSpec:
                 return extremes[i % len(extremes)]
 
             trial = self._make(0, extreme)
-            ParseScenario(trial.scenario, name="a scenario at its extremes")
+            scenario = ParseScenario(trial.scenario, name="a scenario at its extremes")
+            if not scenario.skill.file:
+                default_demonstration(scenario.skill.demonstration)
 
     def _load(self, name: str) -> dict[str, Any]:
         path = self.folder / name if name.endswith((".yaml", ".yml")) else name
@@ -321,8 +324,15 @@ class TrialSpec:
 
     def _absolute_path(self, name: str, value: Any) -> Any:
         """Return the absolute path of a file in the folder, any other value unchanged."""
-        is_file = name in _FILES and value and (self.folder / str(value)).is_file()
-        return str((self.folder / value).resolve()) if is_file else value
+        if name not in _FILES or not value:
+            return value
+        file = self.folder / str(value)
+        if Path(str(value)).suffix and not (file.exists() or Path(str(value)).exists()):
+            raise ExperimentError(
+                f"{name} is {shown(value)}; there is no such file in "
+                f"{self.folder.resolve()}."
+            )
+        return str(file.resolve()) if file.is_file() else value
 
 
 def own_files(fields: Mapping[str, Any]) -> list[Path]:
@@ -419,9 +429,9 @@ def _find(fields: dict[str, Any], name: str) -> tuple[Any, str | int]:
         is_list = isinstance(container, list)
         allowed = list(range(len(container)) if is_list else container)
         if key not in allowed:
-            raise ExperimentError(
-                f"there is no {name}: {parent} has {', '.join(map(str, allowed))}."
-            )
+            keys_text = ", ".join(map(str, allowed))
+            keys_text = keys_text or "no values; give them in a scenario, the base"
+            raise ExperimentError(f"there is no {name}: {parent} has {keys_text}.")
         if i == len(keys) - 1:
             return container, key
         container = container[key]
