@@ -14,9 +14,7 @@ from fmp_drake.numeric import Array
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.systems.interface.callbacks import (
     declare_bodies,
-    declare_cache,
     declare_spatial_forces,
-    eval_cache,
     spatial_force,
 )
 
@@ -180,14 +178,11 @@ class ScriptedDisturbances(LeafSystem):
         prerequisites = {self.time_ticket()}
         if any(each.kind == "grasp" for each in disturbances):
             prerequisites |= {self._poses.ticket(), self._velocities.ticket()}
-        self._force = declare_cache(
-            self, "force of the disturbances", self._calc, prerequisites
-        )
-        force = {self.cache_entry_ticket(self._force)}
-        declare_spatial_forces(self, self._calc_forces, force)
-        self.DeclareVectorOutputPort("force", 3, self._calc_vector, force)
+        declare_spatial_forces(self, self._calc_forces, prerequisites)
+        self.DeclareVectorOutputPort("force", 3, self._calc_vector, prerequisites)
 
-    def _calc(self, context: Any, value: Any) -> None:
+    def _sum(self, context: Context) -> Array:
+        """Return the force on the tool in W, N."""
         time = context.get_time()
         force = np.zeros(3)
         for disturbance, vector_W in self._script:
@@ -203,10 +198,10 @@ class ScriptedDisturbances(LeafSystem):
                 displacement = vector_W - (X_WBody.translation() + arm)
                 v_WG = V_WBody.Shift(arm).translational()
                 force = force + disturbance.pull(displacement, v_WG)
-        value.set_value(force)
+        return force
 
-    def _calc_forces(self, context: Any, output: Any) -> None:
-        force: Any = eval_cache(self, self._force, context)
+    def _calc_forces(self, context: Context, output: Any) -> None:
+        force = self._sum(context)
         if not force.any():
             output.set_value([])
             return
@@ -214,5 +209,4 @@ class ScriptedDisturbances(LeafSystem):
         output.set_value([spatial_force(self._body, p_BoG, np.zeros(3), force)])
 
     def _calc_vector(self, context: Context, output: BasicVector) -> None:
-        force: Any = eval_cache(self, self._force, context)
-        output.SetFromVector(force)
+        output.SetFromVector(self._sum(context))

@@ -1,11 +1,16 @@
 """Model of an arm's sensors: delay, noise and sampling rate."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import check_number, finite_array
+from fmp_drake.numeric import Array, check_number, finite_array, read_only
+
+# Samples whose noise is drawn at once.
+_BLOCK = 1000
 
 
 class SensorModel(LeafSystem):
@@ -74,6 +79,7 @@ class SensorModel(LeafSystem):
         self._period = 1 / rate
         self._delay = round(delay * rate)  # Samples.
         self._seed = int(seed)
+        self._is_noisy = position_noise > 0 or velocity_noise > 0
         self._deviation = np.repeat([position_noise, velocity_noise], n)
         self._state = self.DeclareVectorInputPort("state", 2 * n)
         delivered = self.DeclareDiscreteState(first)
@@ -84,13 +90,19 @@ class SensorModel(LeafSystem):
 
     def _update(self, context: Context, values: DiscreteValues) -> None:
         measured = np.array(self._state.Eval(context))
-        if np.any(self._deviation > 0):
-            number = round(context.get_time() / self._period)
-            noise = np.random.default_rng([self._seed, number])
-            measured += self._deviation * noise.standard_normal(measured.size)
+        if self._is_noisy:
+            block, row = divmod(round(context.get_time() / self._period), _BLOCK)
+            measured += self._deviation * _noise(self._seed, block, measured.size)[row]
         if self._delay == 0:
             values.set_value(0, measured)
             return
         queue = context.get_discrete_state().value(1)
         values.set_value(0, queue[-measured.size :])
         values.set_value(1, np.concatenate([measured, queue[: -measured.size]]))
+
+
+@lru_cache(maxsize=8)
+def _noise(seed: int, block: int, size: int) -> Array:
+    """Return the noise of a block of samples with deviation 1, shape (_BLOCK, size)."""
+    noise = np.random.default_rng([seed, block])
+    return read_only(noise.standard_normal((_BLOCK, size)))

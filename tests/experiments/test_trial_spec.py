@@ -132,7 +132,10 @@ def test_distribution_has_its_mean_and_deviation(kind, values, mean, deviation):
             r"skill.demonstration is 'nowhere.csv'; there is no such file in /",
         ),
         ("fields: {skill.demonstration: sweeping}", "no demonstration sweeping; give"),
-        ("fields: {posture: [0.1, 0.2]}", r"no posture\[0\]: posture has no values; give"),
+        (
+            "fields: {posture: [0.1, 0.2]}",
+            r"no posture\[0\]: posture has no values; give",
+        ),
     ],
 )
 def test_invalid_names_and_values_are_named(text, message):

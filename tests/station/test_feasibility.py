@@ -94,7 +94,7 @@ def test_a_slower_tempo_is_found_where_only_a_smaller_force_is_not_enough(
     found = CheckFeasibility(scenario, bundled_skill)
     assert re.search(r"press with at most 30 N and slow down to tempo", found.verdict)
     scenario.press.force = found.suggestion["press_force"]
-    assert not CheckFeasibility(scenario, bundled_skill).is_feasible
+    assert not CheckFeasibility(scenario, bundled_skill, suggest=False).is_feasible
     scenario.skill.tempo = found.suggestion["tempo"]
     assert CheckFeasibility(scenario, bundled_skill).is_feasible
 
@@ -121,7 +121,7 @@ def test_change_that_the_verdict_names_makes_it_feasible(bundled_skill, translat
     far, way = re.search(r"move the board (\d+) cm ([^,.]+)", found.verdict).groups()
     scenario.board.translation = [*(translation + float(far) / 100 * ways[way])]
     if slower := re.search(r", and slow down to tempo (\d\.\d+)", found.verdict):
-        assert not CheckFeasibility(scenario, bundled_skill).is_feasible
+        assert not CheckFeasibility(scenario, bundled_skill, suggest=False).is_feasible
         scenario.skill.tempo = float(slower[1])
     assert CheckFeasibility(scenario, bundled_skill).is_feasible
 

@@ -122,7 +122,7 @@ def _run(trial: Trial, duration: float, force: bool) -> None:
     """Run a trial and store the result in it."""
     scenario = ParseScenario(trial.scenario)
     skill, _ = shared_skill(scenario)
-    feasibility = CheckFeasibility(scenario, skill)
+    feasibility = CheckFeasibility(scenario, skill, suggest=False)
     trial.is_feasible, trial.verdict = feasibility.is_feasible, feasibility.verdict
     trial.checked = as_stored(feasibility.values)
     _free_memory()

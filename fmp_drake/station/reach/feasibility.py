@@ -44,8 +44,8 @@ class Feasibility:
     ----------
     is_feasible : bool
     verdict : str
-        One line: the decisive numbers, and the smallest change with which the check
-        passes.
+        One line: the decisive numbers, and, where it was looked for, the smallest change
+        with which the check passes.
     values : dict
         ``reachable_fraction`` of the samples; ``largest_distance`` (m) and
         ``largest_angle`` (rad) between desired and predicted poses;
@@ -117,6 +117,7 @@ def CheckFeasibility(
     skill: FourierMovementPrimitive,
     *,
     bounds: FollowingBounds | None = None,
+    suggest: bool = True,
 ) -> Feasibility:
     """Check whether the arm can follow a skill on a scenario's board.
 
@@ -130,6 +131,9 @@ def CheckFeasibility(
     skill : FourierMovementPrimitive
         Fitted, with channels that `MakeStation` can play.
     bounds : FollowingBounds, optional
+    suggest : bool
+        Whether to look for a change with which the check passes; it takes several times as
+        long as the check.
 
     Raises
     ------
@@ -154,7 +158,7 @@ def CheckFeasibility(
     bounds = bounds or FollowingBounds()
     check = _Check(scenario, skill, bounds)
     feasibility = check.result()
-    if feasibility.is_feasible:
+    if feasibility.is_feasible or not suggest:
         return feasibility
     remedy, suggestion = check.remedy()
     verdict = f"{feasibility.verdict} What would help: {remedy}."
