@@ -149,6 +149,12 @@ def learn(
         write_text(skill.board, text)
         console.print(f"wrote {skill.board}")
         print_next(console, "wipe", "--scenario", str(skill.board))
+    elif learning.surface is not None:
+        console.print(
+            "the fitted board is not in the skill: repeat this with --board board.yaml, "
+            "which also writes what force and orientation need",
+            soft_wrap=True,
+        )
     elif not skill.as_recorded and {*POSITION_CHANNELS} <= {*learned.channels_}:
         # Poses that are not relative to a surface are played in free space.
         has_poses = ROTATION_CHANNELS[0] in learned.channels_

@@ -20,6 +20,7 @@ from fmp_drake.primitives.data.channels import (
 from fmp_drake.primitives.data.reading.columns import NO_POSITION, SEVERAL
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
+from fmp_drake.skills.contact import samples_in_bouts
 from fmp_drake.skills.joint_recording import (
     ArmOfInverseTurns,
     EraserPath,
@@ -32,7 +33,6 @@ from fmp_drake.skills.surface_placement import (
     check_scale,
     curved_surface_remark,
     place_on_fitted_surface,
-    samples_in_bouts,
 )
 from fmp_drake.station import Scenario
 from fmp_drake.station.robots.robot import ListRobots
@@ -453,7 +453,7 @@ def place_on_board(
             f"on the board it would touch it {touching}; at least "
             f"{100 * _LEAST_TOUCHING:.0f} % is needed. {instead}"
         )
-    check_scale(placement.scale, instead)
+    check_scale(placement.scale, f"Or {instead[0].lower()}{instead[1:]}")
     tilt = np.degrees(np.arccos(min(abs(placement.rotation[2, 2]), 1.0)))
     tilted = f" (tilted by {tilt:.0f} degrees in the recording)" if tilt > _TILT else ""
     remarks.append(

@@ -152,6 +152,8 @@ def fit_surface(
     residuals = {candidate.shape: candidate.residual for candidate in tried}
     chosen = tried[0] if shape is None else tried[-1]
     if shape is None:
+        # A radius at the end of the range is that of a plane with other errors.
+        tried = [tried[0], *(c for c in tried[1:] if c.radius < RADII[1] / 1.1)]
         for candidate in tried[1:]:
             if _is_better(candidate, chosen):
                 chosen = candidate

@@ -1,18 +1,17 @@
 """Placement of recordings with poses and forces on a surface fitted to them."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array, Mask, runs
-from fmp_drake.primitives import Demonstration, find_rhythm
+from fmp_drake.primitives import Demonstration
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
-    FORCE_COMPONENTS,
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
 )
@@ -22,7 +21,7 @@ from fmp_drake.primitives.data.orientation import (
     rotations_of,
     unit_quaternion,
 )
-from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
+from fmp_drake.skills.contact import Contact, find_contact, touching_samples
 from fmp_drake.skills.surface_fit import RADII, FittedSurface, fit_surface
 from fmp_drake.station import Scenario
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
@@ -31,17 +30,10 @@ from fmp_drake.systems.surface import surface as surfaces
 EXTRA_CHANNELS = ("orientation", "force")
 """Names of the channels that are placed beside the position."""
 
-# Force above which the tool touches, relative to its 95 % quantile; height without a force, m.
-_PRESSED, _TOUCH = 0.3, 0.01
-_LEAST_FORCE = 1.0  # N; with a smaller quantile nothing was touched.
 BORDER = 0.02
 """Free border around the eraser, m."""
-# Least scale of a placement that makes sense.
-_LEAST_SCALE = 0.3
-_LEAST_SAMPLES = 4  # Of a bout.
-# An offset of the force: distance from the movement at which the tool is in the air, m, greatest
-# spread relative to its mean, and least mean relative to the force of the movement.
-_FAR, _STEADY, _WEIGHT = 0.03, 0.3, 0.1
+# Least scale of a placement that makes sense; least samples of a bout.
+_LEAST_SCALE, _LEAST_SAMPLES = 0.3, 4
 # Ratio of residuals below which a curved surface is recommended instead of a plane.
 _FAR_BETTER = 0.5
 # Depth below the surface of a tool that touches, as a fraction of the height of its lifts: a
@@ -50,6 +42,8 @@ _DEPTH = 0.01
 # Fraction of the felt's depth by which tilting the tool may lift an edge, and fraction of
 # `FeltForceLimit` that the simulated felt bears: its pressure is smaller at the edges.
 _TILTED, _BORNE = 0.5, 0.7
+# Fraction of the felt's depth by which a curved surface may be away from its edges.
+_BENT = 0.5
 # Tilt above which quaternions may have been read in the wrong order, degrees.
 _LARGE_TILT = 20.0
 # Least rotational stiffness with which a recorded orientation is followed, Nm/rad.
@@ -58,19 +52,6 @@ _ROTATIONAL_STIFFNESS = 60.0
 _FRICTION_LAG = 0.0033
 # Additional height of a board on which the wrist tilts outwards, m.
 _RAISED = {"cylinder": 0.10, "dome": 0.25}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Contact:
-    """Samples in contact, samples in bouts, and the force (N, 1 or 3), if any.
-
-    `offset` is the magnitude of a constant force that was subtracted, N.
-    """
-
-    touching: Mask
-    in_bout: Mask
-    force: Array | None
-    offset: float = 0.0
 
 
 def place_on_fitted_surface(
@@ -138,16 +119,16 @@ def place_on_fitted_surface(
         fit.coordinates(d.select(POSITION_CHANNELS).values) for d in demonstrations
     ]
     contacts = [
-        replace(c, touching=_touching(c, uvh[:, 2]))
+        replace(c, touching=touching_samples(c, uvh[:, 2]))
         for c, uvh in zip(contacts, coordinates, strict=True)
     ]
-    scale, middle = _set_board(scenario, fit, coordinates, contacts)
+    scale, middle, notes = _set_board(scenario, fit, coordinates, contacts)
     fraction = np.mean(np.concatenate([c.touching[c.in_bout] for c in contacts]))
     remarks.append(
         f"placed on the {fit.shape} at {100 * scale:.0f} % of its size; the tool touches it "
         f"{100 * fraction:.0f} % of the time"
     )
-    remarks += _adapt_controller(scenario, extra)
+    remarks += notes + _adapt_controller(scenario, extra)
     placed = []
     for demonstration, contact, uvh in zip(
         demonstrations, contacts, coordinates, strict=True
@@ -196,7 +177,8 @@ def check_scale(scale: float, advice: str) -> None:
     if scale < _LEAST_SCALE:
         raise DemonstrationError(
             f"it would fit onto the board at {100 * scale:.0f} % of its size; at least "
-            f"{100 * _LEAST_SCALE:.0f} % is needed. {advice}"
+            f"{100 * _LEAST_SCALE:.0f} % is needed. Give a board {_LEAST_SCALE / scale:.1f} times "
+            f"as large (board.size in a scenario). {advice}"
         )
 
 
@@ -222,7 +204,7 @@ def curved_surface_remark(
     plane = fit.residuals["plane"]
     if fit.shape == "plane" or fit.residual > _FAR_BETTER * plane:
         return ""
-    if not RADII[0] * 1.1 < fit.radius < RADII[1] / 1.1:
+    if fit.radius < RADII[0] * 1.1:
         return ""  # The radius is that of no surface: the contact is not what it seems.
     return (
         f"its contact is {1e3 * plane:.1f} mm from a plane and {1e3 * fit.residual:.1f} mm "
@@ -235,10 +217,10 @@ def _fit(
     demonstrations: Sequence[Demonstration],
     shape: str | None,
     **rhythm: float | None,
-) -> tuple[FittedSurface, list[_Contact]]:
+) -> tuple[FittedSurface, list[Contact]]:
     """Fit a surface to the contact of recordings."""
     points = [d.select(POSITION_CHANNELS).values for d in demonstrations]
-    contacts = [_contact(d, **rhythm) for d in demonstrations]
+    contacts = [find_contact(d, **rhythm) for d in demonstrations]
     touching = [c.touching for c in contacts]
     tools = [r for r in map(_recorded_rotations, demonstrations) if r is not None]
     if len(tools) < len(points):
@@ -255,102 +237,13 @@ def _bouts(demonstration: Demonstration, in_bout: Mask) -> list[Demonstration]:
     ]
 
 
-def _touching(contact: _Contact, heights: Array) -> Mask:
-    """Return where the tool touches, by its force and its heights (N,) over the surface, m.
-
-    A force that was low-pass filtered rises while the tool is still high. Where it is weak
-    but the tool is not lifted, the tool touches.
-    """
-    is_low = heights <= _TOUCH
-    if contact.force is None:
-        return contact.in_bout & is_low
-    touching = np.zeros_like(is_low)
-    for a, b in runs(contact.touching):
-        low = a + np.flatnonzero(is_low[a:b])
-        if len(low):
-            touching[low[0] : low[-1] + 1] = True
-    for a, b in runs(contact.in_bout & ~touching):
-        touching[a:b] = np.all(is_low[a:b])
-    return touching
-
-
-def samples_in_bouts(
-    path: Demonstration,
-    *,
-    start_time: float | None = None,
-    end_time: float | None = None,
-    period: float | None = None,
-) -> Mask:
-    """Return which samples of a path are in bouts of its movement.
-
-    The options are those of `find_rhythm`. Without a rhythm all samples between the times
-    are.
-    """
-    (part,) = cut_demonstrations([path], start_time, end_time, DEFAULT_RATE)
-    try:
-        rhythm = find_rhythm(
-            path, start_time=start_time, end_time=end_time, period=period
-        )
-    except DemonstrationError:
-        return np.isin(path.time, part.time)
-    in_bout = np.zeros(len(path.time), dtype=bool)
-    time = path.time - path.time[0]
-    for bout in rhythm.bouts:
-        in_bout |= (time >= bout.start) & (time <= bout.end)
-    return in_bout
-
-
-def _contact(demonstration: Demonstration, **rhythm: float | None) -> _Contact:
-    """Find where the tool touches, by the force and by the bouts of the movement."""
-    path = demonstration.select(POSITION_CHANNELS)
-    in_bout = samples_in_bouts(path, **rhythm)
-    channels = set(demonstration.channels)
-    forces = (FORCE_COMPONENTS, (FORCE_CHANNEL,))
-    names = next((f for f in forces if set(f) <= channels), None)
-    if names is None:
-        return _Contact(touching=in_bout, in_bout=in_bout, force=None)
-    force = demonstration.select(names).values
-    offset = _offset(path.values, in_bout, force)
-    force = force - offset
-    magnitude = np.linalg.norm(force, axis=1)
-    pressed = float(np.percentile(magnitude, 95))
-    if pressed < _LEAST_FORCE:
-        raise DemonstrationError(
-            f"the force is at most {pressed:.2g} N, so the tool touches nothing; check its "
-            "column and unit (--columns)."
-        )
-    touching = in_bout & (magnitude > _PRESSED * pressed)
-    return _Contact(
-        touching=touching,
-        in_bout=in_bout,
-        force=force,
-        offset=float(np.linalg.norm(offset)),
-    )
-
-
-def _offset(points: Array, in_bout: Mask, force: Array) -> Array:
-    """Return the force (1 or 3) in the air far from the movement; 0 where it varies.
-
-    The weight of a tool that is not compensated, or a sensor's offset, looks like contact.
-    """
-    is_far = KDTree(points[in_bout]).query(points)[0] > _FAR
-    in_air = force[is_far & ~in_bout]
-    pressed = float(np.percentile(np.linalg.norm(force[in_bout], axis=1), 95))
-    if len(in_air) < _LEAST_SAMPLES or pressed < _LEAST_FORCE:
-        return np.zeros(force.shape[1])
-    mean = in_air.mean(axis=0)
-    size, spread = np.linalg.norm(mean), np.linalg.norm(in_air.std(axis=0))
-    is_constant = spread < _STEADY * size and size > _WEIGHT * pressed
-    return mean if is_constant else np.zeros(force.shape[1])
-
-
 def _set_board(
     scenario: Scenario,
     fit: FittedSurface,
     coordinates: Sequence[Array],
-    contacts: Sequence[_Contact],
-) -> tuple[float, Array]:
-    """Give a scenario the fitted board; return the scale and the path's middle (3,), m."""
+    contacts: Sequence[Contact],
+) -> tuple[float, Array, list[str]]:
+    """Give a scenario the fitted board; return scale, the path's middle (3,), m, and remarks."""
     learned = np.concatenate(
         [uvh[c.in_bout, :2] for uvh, c in zip(coordinates, contacts, strict=True)]
     )
@@ -358,18 +251,54 @@ def _set_board(
     board, edges = scenario.board, np.array(scenario.board_footprint()) + BORDER
     extent = np.maximum(high - low, 1e-9)
     scale = float(min(1.0, np.min((np.array(board.size) - edges) / extent)))
-    check_scale(scale, "Use a larger board, or check the unit (--unit).")
+    check_scale(scale, "Or check the unit (--unit).")
     board.shape, board.axis = fit.shape, "x"
     x, y, z = board.translation
+    remarks = []
     if fit.shape != "plane":
         board.radius = scale * fit.radius
         board.size = [float(size) for size in scale * extent + edges]
         board.translation = [x, y, z + _RAISED.get(fit.shape, 0.0)]
+        remarks = _adapt_eraser(scenario)
     scenario.check()
-    return scale, np.array([*(low + high) / 2, 0.0])
+    return scale, np.array([*(low + high) / 2, 0.0]), remarks
 
 
-def _on_board(time: Array, uvh: Array, contact: _Contact, scale: float) -> Array:
+def _adapt_eraser(scenario: Scenario) -> list[str]:
+    """Shorten an eraser whose felt does not bear the normal force on a curved board.
+
+    Where that is not enough, the force is lowered. Returns remarks.
+    """
+    eraser, surface, remarks = scenario.eraser, scenario.board.curvature(), []
+    given = eraser.footprint
+
+    def state() -> tuple[float, float]:
+        sagitta = surface.sagitta(scenario.board_footprint())
+        return sagitta, _BORNE * FeltForceLimit(eraser, sagitta=sagitta)
+
+    sagitta, limit = state()
+    while limit < scenario.press.force and sagitta > _BENT * FELT_DEPTH:
+        longest = max(eraser.footprint)
+        eraser.footprint = [
+            round(0.95 * edge, 4) if edge == longest else edge
+            for edge in eraser.footprint
+        ]
+        sagitta, limit = state()
+    if eraser.footprint != given:
+        x, y = eraser.footprint
+        remarks.append(
+            f"eraser shortened to {1e3 * x:.0f} mm x {1e3 * y:.0f} mm: a longer one does not "
+            "fit the curvature"
+        )
+    if limit < scenario.press.force:
+        scenario.press.force = float(math.floor(limit))
+        remarks.append(
+            f"normal force lowered to {scenario.press.force:g} N, which it bears"
+        )
+    return remarks
+
+
+def _on_board(time: Array, uvh: Array, contact: Contact, scale: float) -> Array:
     """Return (u, v, h) on the board, with a constant height in contact."""
     on = contact.touching
     floor = np.interp(time, time[on], uvh[on, 2])
@@ -431,7 +360,7 @@ def _adapt_to_force(scenario: Scenario, uvh: Array, force: Array) -> list[str]:
 
 
 def _orientation(
-    demonstration: Demonstration, fit: FittedSurface, uvh: Array, contact: _Contact
+    demonstration: Demonstration, fit: FittedSurface, uvh: Array, contact: Contact
 ) -> Array:
     """Return rotation vectors relative to the local normal, about their mean in contact."""
     recorded = _recorded_rotations(demonstration)
@@ -479,7 +408,7 @@ def _normal_force(
     demonstration: Demonstration,
     fit: FittedSurface,
     uvh: Array,
-    contact: _Contact,
+    contact: Contact,
     scenario: Scenario,
     lift: float,
 ) -> tuple[Array, str]:

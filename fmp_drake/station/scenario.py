@@ -131,6 +131,12 @@ class Scenario:
         """Return an error message for an inconsistency beyond the ranges, or ""."""
         sagitta = self.board.curvature().sagitta(self.board_footprint())
         limit = FeltForceLimit(self.eraser, sagitta=sagitta)
+        if limit == 0:
+            return (
+                f"the eraser's edges are {1e3 * sagitta:.0f} mm from a board of radius "
+                f"{self.board.radius:g} m, and its felt is {1e3 * FELT_DEPTH:g} mm deep. Use "
+                "an eraser with a smaller footprint."
+            )
         if self.press.force > 1.000001 * limit:
             other = (
                 "smaller footprint" if sagitta > FELT_DEPTH / 2 else "larger footprint"

@@ -21,7 +21,7 @@ from fmp_drake.skills.placement import (
     load_on_board,
     place_on_board,
 )
-from fmp_drake.skills.surface_placement import samples_in_bouts
+from fmp_drake.skills.contact import samples_in_bouts
 from fmp_drake.station import Scenario
 
 USABLE = (0.4, 0.3)

@@ -1,5 +1,6 @@
 """Facts about surfaces fitted to recordings, and poses and forces placed on them."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -148,6 +149,67 @@ def test_weight_of_a_tool_is_no_contact():
     assert np.mean((light[:, 3] > 0) == (corrected[:, 3] > 0)) > 0.98
     assert_allclose(corrected[:, 3].mean(), light[:, 3].mean(), atol=0.3)
     assert_allclose(corrected[:, 2], light[:, 2], atol=0.005)
+
+
+@pytest.mark.parametrize("offset", [[0.0, 0.0, 9.0], [-3.0, 8.0, 2.0], [5.0]])
+@pytest.mark.parametrize("shape", ["plane", "cylinder"])
+def test_offset_of_the_force_is_that_of_the_lifts(shape, offset):
+    kind = "tool" if len(offset) == 3 else "scalar"
+    recording, *_ = posed(shape, force=kind, lift=0.2, approach=False)
+    force = [name.startswith("force") for name in recording.channels]
+    values = recording.values.copy()
+    noise = np.random.default_rng(0).normal(0, 0.3, (len(values), len(offset)))
+    values[:, force] += offset + noise
+    scenario = Scenario()
+    (placed,), remarks = place_on_fitted_surface(
+        [replace(recording, values=values)], scenario=scenario, extra=("force",)
+    )
+    assert scenario.board.shape == shape
+    size = float(re.match(r"(\S+) N subtracted", remarks[0])[1])
+    assert size == pytest.approx(np.linalg.norm(offset), abs=0.15)
+    (true,), _ = place_on_fitted_surface(
+        [recording], scenario=Scenario(), extra=("force",)
+    )
+    assert_allclose(placed.values[:, 3].mean(), true.values[:, 3].mean(), atol=0.3)
+    assert_allclose(placed.values[:, 2], true.values[:, 2], atol=0.005)
+
+
+@pytest.mark.parametrize("lift", [0.0, 0.2])
+def test_constant_force_in_contact_is_no_offset(lift):
+    recording, _, on, *_ = posed("dome", force="scalar", lift=lift, approach=False)
+    values = recording.values.copy()
+    column = recording.channels.index("force")
+    values[:, column] = np.where(on, 12.0, 0.0)
+    # It is pressed harder now and then.
+    values[::50, column] *= 1.5
+    noise = np.random.default_rng(0).normal(0, 0.3, len(values))
+    values[:, column] += noise
+    (placed,), remarks = place_on_fitted_surface(
+        [replace(recording, values=values)], scenario=Scenario(), extra=("force",)
+    )
+    assert not any("subtracted" in remark for remark in remarks)
+    assert np.mean(placed.values[:, 3] > 0) == pytest.approx(np.mean(on), abs=0.05)
+
+
+def test_eraser_is_shortened_on_a_strong_curvature():
+    time, uvh, *_ = wiping("plane")
+    points = place(Surface(kx=1 / 0.12, ky=1 / 0.12), 0.6 * uvh)
+    recording = Demonstration(time=time, values=points, channels=("x", "y", "z"))
+    scenario = Scenario()
+    _, remarks = place_on_fitted_surface([recording], scenario=scenario)
+    assert any("eraser shortened to" in remark for remark in remarks)
+    assert scenario.board.radius == pytest.approx(0.12, rel=0.05)
+    assert max(scenario.eraser.footprint) < 0.09
+    assert remarks[-1] == "normal force lowered to 9 N, which it bears"
+    assert scenario.press.force == 9.0
+
+
+def test_nearly_flat_surface_is_a_plane():
+    uvh = wiping("plane")[1]
+    noise = np.random.default_rng(0).normal(0, 1e-4, uvh.shape)
+    points = place(Surface(kx=1 / 8, ky=1 / 8), uvh) + noise
+    on = np.ones(len(points), dtype=bool)
+    assert fit_surface([points], [on]).shape == "plane"
 
 
 def test_shape_of_the_surface_may_be_given():

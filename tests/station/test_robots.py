@@ -321,7 +321,11 @@ WORLD = """<link name="world"/><joint name="fixed_base" type="fixed">
             {},
             "velocity limit of ur5e_joint1.* is missing or 0",
         ),
-        ({"<inertial>.*?</inertial>": ""}, {}, "the links of own.urdf have no mass"),
+        (
+            {"<inertial>.*?</inertial>": ""},
+            {},
+            "links of own.urdf have no mass: ur5e_link1, ",
+        ),
         (
             {'(<joint name="ur5e_joint6"[^>]*>)': r'\1<mimic joint="ur5e_joint5"/>'},
             {},

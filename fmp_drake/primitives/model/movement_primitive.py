@@ -334,8 +334,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
             )
         elif self.n_steps < tracked.rhythm.period * self.rate:
             self.model_reason_ += (
-                f"; the window of {self.window:g} s is shorter than a cycle, which it "
-                "represents badly"
+                f"; the window of {self.window:g} s is shorter than a cycle of "
+                f"{tracked.rhythm.period:.3g} s, which it represents badly: choose a longer one"
             )
         count = self.n_components
         self.phase_model_, self.components_, self.calibration_ = fit_phase_model(

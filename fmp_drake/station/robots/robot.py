@@ -260,8 +260,8 @@ def AddRobot(
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(models_dir() / "package.xml"))
     hint = (
-        " Meshes are found relative to the model, or in its package, a folder with a "
-        "package.xml around it."
+        ". Meshes are found relative to the model, or in its package, a folder with a "
+        "package.xml around it; a model may have no <visual>."
     )
     with in_one_line(f"{Path(config.model).name} cannot be read", hint):
         for folder in Path(config.model).absolute().parents[:3]:
@@ -327,6 +327,7 @@ def _CheckModel(
 
     # From the base to the flange, as in a plant, wherever they are in the file.
     joints = sorted((j for j in joints if j.num_positions()), key=depth)
+    moving = {j.child_body().index(): j.index() for j in joints}
     if other := [j.name() for j in joints if j.type_name() != "revolute"]:
         raise StationError(
             f"{', '.join(other)} of {model} cannot be played: an arm has revolute joints "
@@ -354,12 +355,29 @@ def _CheckModel(
             f"the velocity limit of {', '.join(unlimited)} of {model} is missing or 0; give "
             "the joint's greatest speed, rad/s."
         )
+    unlimited = [j.name() for j in joints if np.isinf(motors[j.index()].effort_limit())]
+    if unlimited:
+        raise StationError(
+            f"the effort limit of {', '.join(unlimited)} of {model} is missing; give the "
+            "joint's greatest torque, Nm."
+        )
     if plant.num_constraints():
         raise StationError(
             f"a joint of {model} mimics another one; make it fixed, or a joint of its own."
         )
-    if not sum(plant.get_body(i).default_mass() for i in plant.GetBodyIndices(arm)):
-        raise StationError(f"the links of {model} have no mass; give them inertias.")
+    links = {j.index(): j.child_body().name() for j in joints}
+    masses = dict.fromkeys(links, 0.0)
+    for i in plant.GetBodyIndices(arm):
+        # A body moves with the last joint that leads to it.
+        body = i
+        while body in parents and moving.get(body) is None:
+            body = parents[body]
+        if (joint := moving.get(body)) is not None:
+            masses[joint] += plant.get_body(i).default_mass()
+    if massless := [links[joint] for joint, mass in masses.items() if not mass]:
+        raise StationError(
+            f"links of {model} have no mass: {', '.join(massless)}; give each its inertia."
+        )
     check_posture(
         config.posture,
         [joint.name() for joint in joints],

@@ -1,0 +1,171 @@
+"""Contact of a tool with a surface, in recordings with or without forces."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from fmp_drake.errors import DemonstrationError
+from fmp_drake.numeric import Array, Mask, runs
+from fmp_drake.primitives import Demonstration, find_rhythm
+from fmp_drake.primitives.data.channels import (
+    FORCE_CHANNEL,
+    FORCE_COMPONENTS,
+    POSITION_CHANNELS,
+)
+from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
+from fmp_drake.skills.surface_fit import fit_surface
+
+# Force above which the tool touches, relative to its 95 % quantile; height without a force, m.
+_PRESSED, _TOUCH = 0.3, 0.01
+_LEAST_FORCE = 1.0  # N; with a smaller quantile nothing was touched.
+# An offset of the force: distance from the movement at which the tool is in the air, m, greatest
+# spread relative to its mean, and least mean relative to the force of the movement.
+_FAR, _STEADY, _WEIGHT = 0.03, 0.3, 0.1
+# The same from lifts, which are shorter: least magnitude relative to the force of the movement;
+# time over which the force in the air is steady, s, and fraction of such samples.
+_LIFT_WEIGHT, _STEADY_TIME, _QUIET = 0.15, 0.25, 0.1
+_LEAST_SAMPLES = 4  # In the air.
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contact:
+    """Contact of the tool in a recording of N samples.
+
+    Attributes
+    ----------
+    touching, in_bout : ndarray of bool, shape (N,)
+        Samples in contact, and those in bouts of the movement.
+    force : ndarray, shape (N, 1) or (N, 3), or None
+        N; None where it was not recorded.
+    offset : float
+        Magnitude of a constant force that was subtracted, N.
+    """
+
+    touching: Mask
+    in_bout: Mask
+    force: Array | None
+    offset: float = 0.0
+
+
+def find_contact(demonstration: Demonstration, **rhythm: float | None) -> Contact:
+    """Find where the tool touches, by the force and by the bouts of the movement."""
+    path = demonstration.select(POSITION_CHANNELS)
+    in_bout = samples_in_bouts(path, **rhythm)
+    channels = set(demonstration.channels)
+    forces = (FORCE_COMPONENTS, (FORCE_CHANNEL,))
+    names = next((f for f in forces if set(f) <= channels), None)
+    if names is None:
+        return Contact(touching=in_bout, in_bout=in_bout, force=None)
+    force = demonstration.select(names).values
+    offset = _offset(path.values, in_bout, force)
+    if not offset.any():
+        offset = _offset_of_lifts(path, in_bout, force)
+    force = force - offset
+    magnitude = np.linalg.norm(force, axis=1)
+    pressed = float(np.percentile(magnitude, 95))
+    if pressed < _LEAST_FORCE:
+        raise DemonstrationError(
+            f"the force is at most {pressed:.2g} N, so the tool touches nothing; check its "
+            "column and unit (--columns)."
+        )
+    touching = in_bout & (magnitude > _PRESSED * pressed)
+    return Contact(
+        touching=touching,
+        in_bout=in_bout,
+        force=force,
+        offset=float(np.linalg.norm(offset)),
+    )
+
+
+def samples_in_bouts(
+    path: Demonstration,
+    *,
+    start_time: float | None = None,
+    end_time: float | None = None,
+    period: float | None = None,
+) -> Mask:
+    """Return which samples of a path are in bouts of its movement.
+
+    The options are those of `find_rhythm`. Without a rhythm all samples between the times
+    are.
+    """
+    (part,) = cut_demonstrations([path], start_time, end_time, DEFAULT_RATE)
+    try:
+        rhythm = find_rhythm(
+            path, start_time=start_time, end_time=end_time, period=period
+        )
+    except DemonstrationError:
+        return np.isin(path.time, part.time)
+    in_bout = np.zeros(len(path.time), dtype=bool)
+    time = path.time - path.time[0]
+    for bout in rhythm.bouts:
+        in_bout |= (time >= bout.start) & (time <= bout.end)
+    return in_bout
+
+
+def touching_samples(contact: Contact, heights: Array) -> Mask:
+    """Return where the tool touches, by its force and its heights (N,) over the surface, m.
+
+    A force that was low-pass filtered rises while the tool is still high. Where it is weak
+    but the tool is not lifted, the tool touches.
+    """
+    is_low = heights <= _TOUCH
+    if contact.force is None:
+        return contact.in_bout & is_low
+    touching = np.zeros_like(is_low)
+    for a, b in runs(contact.touching):
+        low = a + np.flatnonzero(is_low[a:b])
+        if len(low):
+            touching[low[0] : low[-1] + 1] = True
+    for a, b in runs(contact.in_bout & ~touching):
+        touching[a:b] = np.all(is_low[a:b])
+    return touching
+
+
+def _offset(points: Array, in_bout: Mask, force: Array) -> Array:
+    """Return the force (1 or 3) in the air far from the movement; 0 where it varies.
+
+    The weight of a tool that is not compensated, or a sensor's offset, looks like contact.
+    """
+    is_far = KDTree(points[in_bout]).query(points)[0] > _FAR
+    in_air = force[is_far & ~in_bout]
+    pressed = float(np.percentile(np.linalg.norm(force[in_bout], axis=1), 95))
+    if len(in_air) < _LEAST_SAMPLES or pressed < _LEAST_FORCE:
+        return np.zeros(force.shape[1])
+    mean = in_air.mean(axis=0)
+    size, spread = np.linalg.norm(mean), np.linalg.norm(in_air.std(axis=0))
+    is_constant = spread < _STEADY * size and size > _WEIGHT * pressed
+    return mean if is_constant else np.zeros(force.shape[1])
+
+
+def _offset_of_lifts(path: Demonstration, in_bout: Mask, force: Array) -> Array:
+    """Return the force (1 or 3) while the tool is lifted from the surface, or 0.
+
+    It is the force where it is steadiest, if without it the other samples of the bouts are
+    on a surface and those with it are above.
+    """
+    count = max(3, round(_STEADY_TIME / float(np.median(np.diff(path.time)))))
+    none = np.zeros(force.shape[1])
+    if len(force) <= count:
+        return none
+    windows = np.lib.stride_tricks.sliding_window_view(force, count, axis=0)
+    spread = np.sum(np.var(windows, axis=-1), axis=-1)
+    is_quiet = spread <= np.quantile(spread, _QUIET)
+    steady = np.median(np.mean(windows, axis=-1)[is_quiet], axis=0)
+    remaining = np.linalg.norm(force - steady, axis=1)
+    pressed = float(np.percentile(remaining[in_bout], 95))
+    if np.linalg.norm(steady) < _LIFT_WEIGHT * pressed or pressed < _LEAST_FORCE:
+        return none
+    touching = in_bout & (remaining > _PRESSED * pressed)
+    try:
+        fit = fit_surface([path.values], [touching])
+    except DemonstrationError:
+        return none
+    is_free = in_bout & ~touching
+    lifted = is_free & (fit.coordinates(path.values)[:, 2] > _FAR)
+    if np.sum(lifted) < max(_LEAST_SAMPLES, np.sum(is_free) / 2):
+        return none
+    in_air = force[lifted]
+    mean, deviation = in_air.mean(axis=0), np.linalg.norm(in_air.std(axis=0))
+    return mean if deviation < _STEADY * pressed else none
