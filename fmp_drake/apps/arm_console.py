@@ -5,7 +5,7 @@ from pathlib import Path
 from rich.console import Console
 
 from fmp_drake.apps.page import write_metrics
-from fmp_drake.apps.terminal import has_terminal, is_enter_pressed
+from fmp_drake.apps.terminal import has_terminal, is_enter_pressed, noted_interrupts
 from fmp_drake.errors import RunError, StationError
 from fmp_drake.primitives import Demonstration
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
@@ -41,15 +41,22 @@ def arm_config(arm: str, *, dry: bool = False) -> LcmPanda:
 def guide_arm(
     console: Console, scenario: Scenario, config: LcmPanda, duration: float
 ) -> Demonstration:
-    """Record the hand guiding of an arm, until Enter or for a duration, s."""
-    end = "Enter ends it" if has_terminal() else f"for {duration:g} s"
-    console.print(f"nothing is sent: guide the arm now, pressing lightly; {end}")
-    demonstration = record_arm(
-        scenario,
-        config,
-        until=lambda elapsed: elapsed >= duration or is_enter_pressed(),
-        note="guided by hand, on an arm behind LCM",
+    """Record the hand guiding of an arm, until Enter, Ctrl-C or for a duration, s."""
+    key = "Enter or " if has_terminal() else ""
+    console.print(
+        "nothing is sent: guide the arm now, pressing lightly, for at most "
+        f"{duration:g} s; {key}Ctrl-C ends it",
+        soft_wrap=True,
     )
+    with noted_interrupts() as is_interrupted:
+        demonstration = record_arm(
+            scenario,
+            config,
+            until=lambda elapsed: (
+                elapsed >= duration or is_enter_pressed() or is_interrupted()
+            ),
+            note="guided by hand, on an arm behind LCM",
+        )
     console.print(recorded_text(demonstration))
     return demonstration
 

@@ -48,8 +48,11 @@ class _LazyGroup(click.Group):
         if cmd_name not in _COMMANDS:
             return None
         module = importlib.import_module(f"fmp_drake.apps.{cmd_name}")
+        import matplotlib
         from threadpoolctl import threadpool_limits
 
+        # Pictures do not depend on the user's settings.
+        matplotlib.rcdefaults()
         # The matrices of a control step are small: more threads would be slower.
         ctx.with_resource(threadpool_limits(limits=1))
         command: click.Command = getattr(module, cmd_name)

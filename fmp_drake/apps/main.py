@@ -1,8 +1,13 @@
 """The command `fmp-drake`."""
 
+import errno
+import os
 import re
 import sys
+import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
+from io import TextIOWrapper
 from typing import TYPE_CHECKING, Any
 
 from fmp_drake.apps import terminal
@@ -14,7 +19,7 @@ if TYPE_CHECKING:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; bad input ends with one line and exit code 2.
 
-    Ctrl-C ends it with one line and exit code 130, SIGTERM with 143.
+    Ctrl-C ends it with one line and exit code 130, SIGTERM with 143, SIGHUP with 129.
     """
     with terminal.interrupts():
         try:
@@ -26,14 +31,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 raise
         if stopped is not None:
             message, code = terminal.MESSAGE, stopped
-        if message:
-            print(" ".join(message.split()), file=sys.stderr)
+        if message and sys.stderr is not None:
+            with suppress(OSError):  # The terminal may be closed.
+                print(" ".join(message.split()), file=sys.stderr)
     if code:
         sys.exit(code)
 
 
 def _run(arguments: Sequence[str] | None) -> tuple[str, int]:
     """Run a command, and return an error message and the exit code."""
+    # No window is opened, and a notebook's backend is none of this process.
+    os.environ["MPLBACKEND"] = "agg"
     # Nothing is imported before interrupts are handled.
     import click
 
@@ -41,6 +49,8 @@ def _run(arguments: Sequence[str] | None) -> tuple[str, int]:
     from fmp_drake.errors import FmpError
 
     log_to_stderr()
+    if isinstance(sys.stdout, TextIOWrapper):  # Names may have letters that it lacks.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         app.main(args=arguments, prog_name="fmp-drake", standalone_mode=False)
     except FmpError as error:
@@ -55,7 +65,13 @@ def _run(arguments: Sequence[str] | None) -> tuple[str, int]:
         return terminal.MESSAGE, 130
     except OSError as error:
         reason = f"{error.filename or ''}: {error.strerror or error}".lstrip(": ")
+        if error.errno in (errno.ENOSPC, errno.EFBIG) and not error.filename:
+            reason += f" (temporary files are in {tempfile.gettempdir()})"
         return f"fmp-drake: {reason}", 2
+    except RuntimeError as error:
+        if "Symlink loop" not in str(error):
+            raise
+        return f"fmp-drake: {error}", 2
     return "", 0
 
 

@@ -76,7 +76,7 @@ def open_page(
         panel = PagePanel(hidden_meshcat(), host=host)
     except SystemsError as error:
         raise FmpError(
-            f"the page cannot be served at {host}; give one of this machine's addresses, "
+            f"the page cannot be served at {host}; give one of this machine's IPv4 addresses, "
             "0.0.0.0 for all of them, or localhost for this machine only."
         ) from error
     panel.show(title=title)
@@ -211,12 +211,17 @@ def track_frames(console: Console, frames: Sequence[int]) -> Iterable[int]:
         yield from progress.track(frames, description="rendering")
 
 
+def metrics_text(metrics: Mapping[str, object]) -> str:
+    """Return metrics as the text of a file (.json)."""
+    return json.dumps(metrics, indent=2) + "\n"
+
+
 def write_metrics(
     console: Console, metrics: Mapping[str, object], path: Path | None
 ) -> None:
     """Write metrics to a file (.json), if one is given."""
     if path is not None:
-        write_text(path, json.dumps(metrics, indent=2) + "\n", RunError)
+        write_text(path, metrics_text(metrics), RunError)
         console.print(f"wrote {path}")
 
 
@@ -230,7 +235,9 @@ def make_folder(path: Path) -> None:
 
 def print_next(console: Console, *arguments: str) -> None:
     """Print the next command."""
-    line = shlex.join(["fmp-drake", *arguments])
+    # A file with a leading dash would be taken for an option.
+    words = [f"./{w}" if w[0] == "-" and Path(w).exists() else w for w in arguments]
+    line = shlex.join(["fmp-drake", *words])
     console.print(f"next: {line}", soft_wrap=True)
 
 

@@ -1,6 +1,6 @@
 """Results of a run: a table in the terminal, and files."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -9,8 +9,8 @@ from typing import Any
 from rich.console import Console
 
 from fmp_drake.apps.options import option
-from fmp_drake.apps.page import track_frames, write_metrics
-from fmp_drake.errors import RunError
+from fmp_drake.apps.page import metrics_text, track_frames
+from fmp_drake.errors import FmpError, RunError
 from fmp_drake.film import FILM_SIGNALS, FilmReel, check_film, film_run, film_size
 from fmp_drake.plots import plot_run
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS, check_graph, write_graph
@@ -97,21 +97,39 @@ class RunFiles:
         reel: FilmReel | None,
         title: str,
     ) -> None:
-        """Write the files at the end of a run."""
-        write_metrics(console, metrics, self.report)
-        if self.log is not None:
-            run.save_log(self.log, metrics)
-            console.print(f"wrote {self.log}")
-        if self.plot is not None:
-            plot_run(run, self.plot)
-            console.print(f"wrote {self.plot}")
-        if self.html is not None:
-            write_text(self.html, run.html(title=title), RunError)
-            console.print(f"wrote {self.html}")
-        if self.video is not None and reel is not None:
+        """Write the files at the end of a run; an error comes after the others.
+
+        Raises
+        ------
+        FmpError
+            The first one.
+        """
+
+        def film(path: Path) -> None:
             track = partial(track_frames, console)
-            film_run(run, reel, self.video, width=self.video_width, track=track)
-            console.print(f"wrote {self.video}")
+            if reel is not None:
+                film_run(run, reel, path, width=self.video_width, track=track)
+
+        steps: list[tuple[Path | None, Callable[[Path], None]]] = [
+            (
+                self.report,
+                lambda path: write_text(path, metrics_text(metrics), RunError),
+            ),
+            (self.log, lambda path: run.save_log(path, metrics)),
+            (self.plot, lambda path: plot_run(run, path)),
+            (self.html, lambda path: write_text(path, run.html(title=title), RunError)),
+            (self.video, film),
+        ]
+        errors = []
+        for path, write in steps:
+            if path is not None:
+                try:
+                    write(path)
+                    console.print(f"wrote {path}")
+                except FmpError as error:
+                    errors.append(error)
+        if errors:
+            raise errors[0]
 
 
 def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:

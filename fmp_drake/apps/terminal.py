@@ -7,12 +7,13 @@ import signal
 import sys
 import threading
 from _thread import interrupt_main
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import Any
 
 MESSAGE = "fmp-drake: stopped."
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # Time after which an interrupt that Python could not raise is repeated, s: long enough for
 # the hook below to return on a busy machine.
 _REPEAT_DELAY = 0.1
@@ -22,8 +23,9 @@ _has_begun = False
 
 @contextmanager
 def interrupts() -> Iterator[None]:
-    """Raise KeyboardInterrupt at SIGINT and SIGTERM; before `begin_command`, end the process.
+    """Raise KeyboardInterrupt at signals; before `begin_command`, end the process.
 
+    They are SIGINT, SIGTERM and, unless it is ignored (nohup), SIGHUP of a closed terminal.
     Python only prints exceptions in some places, such as callbacks of the garbage
     collector. There an interrupt is raised again.
     """
@@ -42,7 +44,7 @@ def interrupts() -> Iterator[None]:
         else:
             hook(unraisable)
 
-    previous = {number: signal.signal(number, _interrupt) for number in _SIGNALS}
+    previous = _handle(_interrupt)
     sys.unraisablehook = repeat
     try:
         yield
@@ -54,6 +56,36 @@ def interrupts() -> Iterator[None]:
             signal.signal(number, handler)
         # Python, while it ends, would print the traceback of an interrupt and ignore it.
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_DFL)
+
+
+@contextmanager
+def noted_interrupts() -> Iterator[Callable[[], bool]]:
+    """Yield a function that tells whether a signal has come, in place of an exception.
+
+    A second signal raises it. The exit code is that of an interrupted command.
+    """
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        _received.append(number)
+        if len(_received) > 1:
+            raise KeyboardInterrupt
+
+    previous = _handle(note) if _is_main() else {}
+    try:
+        yield lambda: bool(_received)
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _handle(handler: Callable[[int, FrameType | None], None]) -> dict[int, Any]:
+    """Set the handler of the signals; return the previous ones."""
+    numbers = [
+        number
+        for number in _SIGNALS
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN
+    ]
+    return {number: signal.signal(number, handler) for number in numbers}
 
 
 def begin_command() -> None:

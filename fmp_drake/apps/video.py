@@ -33,7 +33,7 @@ class VideoOptions:
 def video(frames: Path, out: Path, to: VideoOptions) -> None:
     """Turn FRAMES, the .tar file of the page's recorder, into the film OUT.
 
-    Needs the extra: pip install fmp-drake[video].
+    An .mp4 needs the extra: pip install 'fmp-drake[video]'.
     """
     check_writable(out, "a film", [*MAX_FPS, ".mov", ".mkv"])
     most = MAX_FPS.get(out.suffix.lower(), MAX_FPS[".mp4"])

@@ -2,10 +2,11 @@
 
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from fmp_drake.plots.style import (
@@ -84,4 +85,4 @@ def plot_reach(feasibility: "Feasibility", path: str | Path) -> None:
     rows = legend_above(axes)
     verdict = fill(feasibility.verdict, 70)
     axes.set_title(verdict, loc="left", fontsize="small", pad=6 + 16 * rows)
-    save(axes.figure.get_figure(root=True), path)
+    save(cast(Figure, axes.figure), path)

@@ -1,6 +1,7 @@
 """Colours, channels, axes, legends and file formats of all pictures."""
 
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -214,7 +215,10 @@ def save(figure: Figure, path: str | Path) -> None:
     with (
         replaced(path, RunError) as part,
         matplotlib.rc_context({"pdf.fonttype": 42}),
+        warnings.catch_warnings(),
     ):
+        # A letter that the font lacks is drawn as a box.
+        warnings.filterwarnings("ignore", message="Glyph")
         try:
             figure.savefig(part, dpi=150)
         except ValueError as error:

@@ -71,7 +71,10 @@ def uninterrupted() -> Iterator[None]:
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    previous = signal.signal(signal.SIGTERM, interrupt)
+    # A command has a handler of its own, which raises the same.
+    given = signal.getsignal(signal.SIGTERM)
+    handler = interrupt if given is signal.SIG_DFL else given
+    previous = signal.signal(signal.SIGTERM, handler)
     gc.collect()
     gc.disable()
     try:

@@ -137,12 +137,23 @@ def test_a_guided_arm_is_recorded_until_enter(command, outputs, monkeypatch, ent
     bus.at[1500] = enter
     result = command("record", "--out", path, "--arm", "lcm:memq://")
     assert result.code == 0, result
-    assert "nothing is sent: guide the arm now, pressing lightly; Enter" in result.out
+    assert "nothing is sent: guide the arm now, pressing lightly, for at" in result.out
+    assert "Enter or Ctrl-C ends it" in result.out
     shown = Demonstration.load(path)
     assert f"recorded {shown.duration:.1f} s at 20 Hz: x " in result.out
     assert f"wrote {path}" in result.out
     assert 0.9 < shown.duration < 1.6
     assert bus.bench.metrics()["followed_ms"] == 0
+
+
+def test_a_guided_arm_is_recorded_until_ctrl_c(command, outputs, monkeypatch):
+    bus, path = Bus(monkeypatch, hand=guided(5.0)), outputs / "shown.npz"
+    monkeypatch.setattr(sys, "stdin", None)
+    bus.at[1500] = lambda: os.kill(os.getpid(), signal.SIGINT)
+    result = command("record", "--out", path, "--arm", "lcm:memq://")
+    assert (result.code, result.err) == (130, "fmp-drake: stopped.\n")
+    assert f"wrote {path}" in result.out
+    assert 0.9 < Demonstration.load(path).duration < 1.6
 
 
 @pytest.mark.parametrize(
@@ -240,12 +251,12 @@ def test_after_kill_freeze_and_restart_an_arm_moves_only_when_enabled(tmp_path):
         networks[2].wait_for("again", "a simulated arm")
         networks[0].wait_for("second", "open")
         controllers[0].terminate()
-        assert controllers[0].wait(30) == 130
+        assert controllers[0].wait(30) == 143
         time.sleep(2.5)  # 0.25 s of the arm's clock, to be damped in.
         for each in (*controllers[1:], *arms):
             assert each.poll() is None
             each.terminate()
-            assert each.wait(30) == 130
+            assert each.wait(30) == 143
     observations = (
         ("arm", "second", "GAP"),
         ("arm", "wipe", "STALE"),

@@ -157,13 +157,16 @@ def test_killed_command_leaves_whole_files_and_does_not_block_the_next(
 EARLY = """
 import os, signal
 from fmp_drake.apps import terminal
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # This test may run under nohup.
 with terminal.interrupts():
     os.kill(os.getpid(), signal.{name})
     print("went on")
 """
 
 
-@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+@pytest.mark.parametrize(
+    ("name", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)]
+)
 def test_signal_before_the_command_begins_ends_the_process_at_once(name, code):
     done = subprocess.run(
         [sys.executable, "-c", EARLY.format(name=name)],
@@ -203,6 +206,15 @@ def test_sigterm_ends_like_ctrl_c_with_its_own_code(run):
     result = run(work)
     assert (result.code, result.err) == (143, "fmp-drake: stopped.\n")
     assert ended
+
+
+def test_end_of_the_terminal_is_ignored_where_the_parent_ignores_it(run):
+    previous = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # As nohup does.
+    try:
+        result = run(lambda: os.kill(os.getpid(), signal.SIGHUP))
+    finally:
+        signal.signal(signal.SIGHUP, previous)
+    assert (result.code, result.err) == (0, "")
 
 
 def test_error_of_an_interrupted_compilation_is_an_interrupt(run):

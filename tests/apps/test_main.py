@@ -2,15 +2,18 @@
 
 import json
 import logging
+import os
 import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 
 import fmp_drake
 from fmp_drake.apps import commands
+from fmp_drake.errors import RunError
 from fmp_drake.station.models.model_files import models_dir
 
 SCRIPT = Path(sys.executable).parent / "fmp-drake"
@@ -311,6 +314,53 @@ def test_installed_script_refuses_like_the_function(script):
 def test_bundled_demonstrations_are_found():
     for task in ("wiping", "polishing", "eight"):
         assert (models_dir() / "demonstrations" / f"{task}.npz").is_file()
+
+
+def test_letters_that_the_terminal_lacks_are_escaped(make_npz):
+    file = make_npz("ä.npz")
+    done = subprocess.run(
+        [SCRIPT, "inspect", file],
+        capture_output=True,
+        check=False,
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"next: fmp-drake learn" in done.stdout
+    assert rb"\xe4.npz" in done.stdout
+
+
+def test_file_with_a_leading_dash_is_none_of_the_options(
+    command, make_npz, tmp_path, monkeypatch
+):
+    make_npz("-e.npz")
+    monkeypatch.chdir(tmp_path)
+    result = command("inspect", "./-e.npz")
+    assert "next: fmp-drake learn ./-e.npz --out skill.npz" in result.out
+
+
+def test_loop_of_links_is_refused(refused, tmp_path, make_npz):
+    loop = tmp_path / "loop.npz"
+    loop.symlink_to(loop)
+    assert "loop" in refused("learn", make_npz("mine.npz"), "--out", loop)
+
+
+def test_other_files_are_written_where_one_fails(command, monkeypatch, outputs):
+    def fail(*_):
+        raise RunError("cannot write the picture.")
+
+    monkeypatch.setattr("fmp_drake.apps.run_report.plot_run", fail)
+    picture, page = outputs / "run.png", outputs / "run.html"
+    options = ("--headless", "--duration", 0.1, "--plot", picture, "--html", page)
+    result = command("wipe", *options)
+    assert (result.code, result.err) == (2, "fmp-drake: cannot write the picture.\n")
+    assert page.is_file()
+    assert f"wrote {page}" in result.out
+
+
+def test_pictures_do_not_depend_on_the_settings_of_the_user(command, monkeypatch):
+    monkeypatch.setitem(matplotlib.rcParams, "font.size", 30.0)
+    command("robots")
+    assert matplotlib.rcParams["font.size"] == 10.0
 
 
 def test_names_with_brackets_are_printed_as_they_are(command, tmp_path):

@@ -121,6 +121,31 @@ def test_the_temporary_file_has_the_same_ending(tmp_path):
         part.write_text("<svg/>")
 
 
+def test_long_names_and_links_to_other_endings_are_written(tmp_path):
+    name = tmp_path / f"{'ä' * 120}.json"
+    write_text(name, "text")
+    assert name.read_text() == "text"
+    link, target = tmp_path / "run.svg", tmp_path / "blob"
+    link.symlink_to(target)
+    with replaced(link) as part:
+        assert part.suffix == ".svg"
+        part.write_text("<svg/>")
+    assert target.read_text() == "<svg/>"
+
+
+def test_read_only_folders_and_links_into_no_folder_are_refused_before(
+    tmp_path, monkeypatch
+):
+    link = tmp_path / "run.svg"
+    link.symlink_to(tmp_path / "no" / "run.svg")
+    with pytest.raises(FmpError, match=r"there is no folder .*no to write run"):
+        check_writable(link)
+    # The superuser may write everywhere.
+    monkeypatch.setattr(os, "access", lambda _, mode: not mode & os.W_OK)
+    with pytest.raises(FmpError, match=r"of run\.npz is read-only"):
+        check_writable(tmp_path / "run.npz")
+
+
 def test_names_that_cannot_be_written_are_refused_before(tmp_path):
     check_writable(None, "a log", [".npz"])
     check_writable(tmp_path / "run.any")

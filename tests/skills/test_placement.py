@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, ReadingOptions, add_orientation
+from fmp_drake.skills.contact import samples_in_bouts
 from fmp_drake.skills.joint_recording import RobotJoints
 from fmp_drake.skills.placement import (
     Placement,
@@ -21,7 +22,6 @@ from fmp_drake.skills.placement import (
     load_on_board,
     place_on_board,
 )
-from fmp_drake.skills.contact import samples_in_bouts
 from fmp_drake.station import Scenario
 
 USABLE = (0.4, 0.3)

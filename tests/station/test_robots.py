@@ -322,6 +322,11 @@ WORLD = """<link name="world"/><joint name="fixed_base" type="fixed">
             "velocity limit of ur5e_joint1.* is missing or 0",
         ),
         (
+            {' effort="[^"]*"': ""},
+            {},
+            "the effort limit of ur5e_joint1, .* is missing; give",
+        ),
+        (
             {"<inertial>.*?</inertial>": ""},
             {},
             "links of own.urdf have no mass: ur5e_link1, ",

@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 
 from fmp_drake.errors import FmpError, SkillFileError
 
+# Bytes of a file's name that its temporary name repeats; file systems allow 255 in all.
+_LONGEST_STEM = 180
+
 
 @contextmanager
 def replaced(path: Path, error: type[FmpError] = FmpError) -> Iterator[Path]:
@@ -35,11 +38,12 @@ def replaced(path: Path, error: type[FmpError] = FmpError) -> Iterator[Path]:
     error : type of FmpError
         Raised where the file cannot be written, or is a device or a pipe.
     """
+    ending = path.suffix
     path = path.resolve()
     if path.exists() and not path.is_file():
         raise error(f"cannot write {path}: it is not a regular file.")
-    _delete_abandoned(path)
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    _delete_abandoned(path, ending)
+    part = path.with_name(f".{_short_stem(path)}.{os.getpid()}.part{ending}")
     try:
         yield part
         with part.open("rb+") as stream:
@@ -52,11 +56,17 @@ def replaced(path: Path, error: type[FmpError] = FmpError) -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
-def _delete_abandoned(path: Path) -> None:
+def _short_stem(path: Path) -> str:
+    """Return the beginning of a name, so that a temporary name is not too long."""
+    return os.fsdecode(os.fsencode(path.stem)[:_LONGEST_STEM])
+
+
+def _delete_abandoned(path: Path, ending: str) -> None:
     """Delete temporary files whose processes have ended."""
-    name = f".{glob.escape(path.stem)}.*.part{glob.escape(path.suffix)}"
+    stem = _short_stem(path)
+    name = f".{glob.escape(stem)}.*.part{glob.escape(ending)}"
     for part in path.parent.glob(name):
-        process = part.name.removeprefix(f".{path.stem}.").partition(".")[0]
+        process = part.name.removeprefix(f".{stem}.").partition(".")[0]
         if not process.isdecimal():
             continue
         try:
@@ -224,10 +234,11 @@ def check_writable(
     """
     if path is None:
         return
-    if not path.absolute().parent.is_dir():
-        raise FmpError(
-            f"there is no folder {path.absolute().parent} to write {path.name} into."
-        )
+    folder = path.resolve().parent  # A link is followed.
+    if not folder.is_dir():
+        raise FmpError(f"there is no folder {folder} to write {path.name} into.")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise FmpError(f"the folder {folder} of {path.name} is read-only.")
     if path.is_dir():
         raise FmpError(f"{path} is a folder; give the name of a file to write.")
     if path.exists() and not path.is_file():
