@@ -352,6 +352,37 @@ def test_few_cycles_between_approach_and_retreat_are_found(cycles, least):
     assert ends >= 0.9
 
 
+@pytest.mark.parametrize(("cycles", "least"), [(2.2, 0.5), (3, 0.85)])
+@pytest.mark.parametrize("has_approach", [True, False])
+def test_few_cycles_with_a_pause_within_are_found(cycles, least, has_approach):
+    is_right = []
+    for seed in range(930, 950):
+        truth = few_cycles(seed, cycles, has_approach=has_approach)
+        rng = np.random.default_rng(seed)
+        count, start = truth.values.shape[0], rng.uniform(0.3, 0.7)
+        at, length = round(start * count), round(rng.uniform(1.5, 5.0) * RATE)
+        held = np.repeat(truth.values[[at]], length, axis=0)
+        held += 3e-5 * np.cumsum(rng.standard_normal(held.shape), axis=0)
+        values = np.concatenate([truth.values[:at], held, truth.values[at:]])
+        try:
+            found = find_rhythm(demonstration(values)).period
+        except DemonstrationError:
+            found = np.inf
+        is_right.append(abs(found / truth.period - 1) < 0.08)
+    assert np.mean(is_right) >= least
+
+
+@pytest.mark.parametrize("cycles", [3, 5])
+def test_pause_of_each_cycle_is_a_part_of_it(cycles):
+    phase = 2 * np.pi * np.linspace(0, 1, 60)[:-1]
+    stroke = np.column_stack([np.sin(phase), 0.6 * np.sin(2 * phase + 0.5)])
+    one = np.concatenate([stroke, np.repeat(stroke[:1], 30, axis=0)])
+    values = 0.1 * np.tile(one, (cycles, 1))
+    values += 2e-4 * np.random.default_rng(0).standard_normal(values.shape)
+    found = find_rhythm(demonstration(values))
+    assert found.period == pytest.approx(len(one) / RATE, rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("name", "cycles"),
     [

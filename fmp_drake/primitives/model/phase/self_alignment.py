@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fmp_drake.compiled import compiled
-from fmp_drake.numeric import Array, Indices, Mask
+from fmp_drake.numeric import Array, Indices, Mask, runs
 from fmp_drake.primitives.model.phase.period import window_sums
 
 # Squared distance, relative to the variance of the states in one lag, up to which states are
@@ -27,6 +27,9 @@ _SAME_PERIOD = 1.25
 # twice as long a recording, in which chance similarity is likelier, and for a known period.
 # With them 1 in 80 smooth random paths has a rhythm.
 _LEAST_SCORE, _SCORE_PER_DOUBLING, _LEAST_OF_KNOWN = 0.12, 0.06, 0.1
+# Length of a standstill, samples, its speed relative to the root mean square, and samples over
+# which the speed is averaged.
+_STANDSTILL, _STANDSTILL_SPEED, _SMOOTHED = 20, 0.1, 5
 
 
 class Alignment(NamedTuple):
@@ -51,8 +54,21 @@ class Alignment(NamedTuple):
 def aligned_period(recordings: Sequence[Array]) -> float | None:
     """Return the period, in samples, of the best alignment of recordings (n, D).
 
-    About a fifth of a cycle must recur, more in long recordings; None if less does.
+    About a fifth of a cycle must recur, more in long recordings; None if less does. A
+    pause that does not come again is no part of a cycle: the parts beside it are aligned.
     """
+    parts = _moving_parts(recordings)
+    pauses = len(parts) - len(recordings)
+    if pauses == 1 and (period := _period_of_best(parts)) is not None:
+        return period
+    period = _period_of_best(recordings)
+    if pauses > 1 and (period is None or sum(map(len, recordings)) < 2 * period):
+        period = _period_of_best(parts) or period
+    return period
+
+
+def _period_of_best(recordings: Sequence[Array]) -> float | None:
+    """Return the period, in samples, of the best alignment of one recording, if any."""
     alignments = [
         alignment
         for y in recordings
@@ -66,6 +82,21 @@ def aligned_period(recordings: Sequence[Array]) -> float | None:
     doublings = np.log2(sum(map(len, recordings)) / best.period)
     least = (_LEAST_SCORE + _SCORE_PER_DOUBLING * doublings) * best.period
     return best.period if best.score > least else None
+
+
+def _moving_parts(recordings: Sequence[Array]) -> list[Array]:
+    """Return the parts of recordings (n, D) between standstills of 20 samples or more."""
+    window = np.ones(_SMOOTHED) / _SMOOTHED
+    parts = []
+    for y in recordings:
+        speed = np.linalg.norm(np.gradient(y, axis=0), axis=1)
+        speed = np.convolve(speed, window, "same")
+        least = _STANDSTILL_SPEED * np.sqrt(np.mean(speed**2))
+        is_moving = np.ones(len(y), dtype=bool)
+        for a, b in runs(speed < least):
+            is_moving[a:b] = b - a < _STANDSTILL
+        parts += [y[a:b] for a, b in runs(is_moving) if b - a > _SMOOTHED]
+    return parts
 
 
 def aligned_samples(recordings: Sequence[Array], period: float) -> list[Mask]:
