@@ -21,6 +21,7 @@ from fmp_drake.primitives.data.orientation import (
     rotations_of,
     unit_quaternion,
 )
+from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.skills.contact import Contact, find_contact, touching_samples
 from fmp_drake.skills.surface_fit import RADII, FittedSurface, fit_surface
 from fmp_drake.station import Scenario
@@ -396,7 +397,10 @@ def _flatten(vectors: Array, touching: Mask, scenario: Scenario) -> tuple[float,
     scale = min(1.0, _TILTED * FELT_DEPTH / max(lift, 1e-9))
     vectors[:, :2] *= scale
     degrees = np.degrees(np.percentile(np.linalg.norm(tilt, axis=1), 95))
-    remark = f"the tool tilts by up to {degrees:.0f} degrees while it touches (95 % of the time)"
+    remark = (
+        f"the tool tilts by up to {count_text(round(degrees), 'degree')} while it touches (95 % "
+        "of the time)"
+    )
     if scale < 1:
         remark += f", scaled to {100 * scale:.0f} % of it, the limit of the felt"
     if degrees > _LARGE_TILT:

@@ -333,6 +333,9 @@ def _Parse(
             _Locate(scenario, folder)
         if robot not in (None, scenario.robot):
             scenario.robot, scenario.posture = str(robot), []
+    if Path(scenario.robot).is_file():
+        LoadRobot(scenario.robot)  # Its errors name its own file.
+    with in_one_line(f"{name} is not a scenario"):
         scenario.check()
     return scenario
 

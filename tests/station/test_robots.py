@@ -26,6 +26,7 @@ from fmp_drake.station.robots.robot import (
     FilterSelfContact,
     MakeRobotModel,
 )
+from fmp_drake.station.scenario import LoadScenario
 
 ARMS = ("panda", "iiwa14", "ur5e")
 HALF = np.pi / 2
@@ -366,6 +367,14 @@ def test_a_model_that_does_not_fit_its_file_is_refused_with_what_to_do(
 ):
     with pytest.raises(StationError, match=message):
         MakeRobotModel(LoadRobot(_own(tmp_path, changes, **fields)))
+
+
+def test_error_in_the_file_of_a_robot_names_this_file_only(tmp_path):
+    file = _own(tmp_path, {}, max_torque=3.0)
+    with pytest.raises(
+        StationError, match=r"^own\.yaml is not a robot: .*'max_torque'"
+    ):
+        LoadScenario("table_top", robot=str(file))
 
 
 def test_values_of_joints_are_in_their_order_on_the_arm(tmp_path):

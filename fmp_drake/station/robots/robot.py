@@ -330,7 +330,7 @@ def _CheckModel(
     moving = {j.child_body().index(): j.index() for j in joints}
     if other := [j.name() for j in joints if j.type_name() != "revolute"]:
         raise StationError(
-            f"{', '.join(other)} of {model} cannot be played: an arm has revolute joints "
+            f"{', '.join(other)} of {model} cannot be joints of an arm: it has revolute joints "
             'only. Make the joints of a gripper or a rail fixed (type="fixed").'
         )
     if len(joints) != len(config.posture):
