@@ -367,8 +367,9 @@ class LearningOptions:
     )
     window: float | None = option(
         None,
-        "Length of a window, s: one or more periods [default: 6; in learn it follows the "
-        "period, up to 6, or 1.2 periods if they are longer].",
+        "Length of a window, s: one or more periods [default: 6 for a scenario's own "
+        "demonstration; otherwise it follows the period, up to 6, or 1.2 periods if they "
+        "are longer].",
         basic=False,
     )
     stretch: float = option(

@@ -77,6 +77,8 @@ def scenario_skill(
 ) -> tuple[FourierMovementPrimitive, list[Demonstration], list[str]]:
     """Load or learn the skill of a scenario; arguments take precedence over it.
 
+    Without a `window` that of other `demonstrations` follows from their period.
+
     With a `surface` the scenario's board becomes the one fitted to the demonstrations, and
     `extra` channels are learned; see `load_on_board`.
 
@@ -123,9 +125,11 @@ def scenario_skill(
         surface=surface,
         extra=extra,
     )
+    if window is None and not demonstrations:
+        window = config.window  # It is for the scenario's own demonstration.
     skill = learn_skill(
         recordings,
-        window=config.window if window is None else window,
+        window=window,
         n_components=config.n_components if n_components is None else n_components,
         model=model or cast(ModelChoice, config.model),
         by_position=surface is not None,

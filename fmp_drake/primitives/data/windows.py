@@ -294,7 +294,7 @@ def as_windows(
             least = (n_steps - 1 + stride * (at_least - 1)) / rate
             # Four fifths of what fits, in tenths of a second.
             fitting = np.floor(8 * (longest - stride * at_least / rate)) / 10
-            advice = f", for example window={fitting:g}" if fitting * rate >= 8 else ""
+            advice = f", of {fitting:g} s for example" if fitting * rate >= 8 else ""
             raise DemonstrationError(
                 f"the demonstrations give {sum(counts) or 'no'} "
                 f"window{'s' * (sum(counts) != 1)} of {n_steps / rate:g} s "
