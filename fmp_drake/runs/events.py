@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.runs.log import Chunk
 from fmp_drake.systems import StatusFlag
 from fmp_drake.systems.impedance.controller_status import CONDITIONS, STOP_REASONS
@@ -14,6 +14,9 @@ from fmp_drake.systems.surface_monitor import TOLERANCE
 
 # Largest error of the board's height, mm.
 _MAX_HEIGHT = 1000
+# Longest time from the beginning of a desired force to contact after a lift, and time after a
+# contact in which one that is missing was lost, s.
+_LANDING, _JUST = 1.0, 0.3
 # A magnitude above 0 that is rounded to 0 in texts.
 _TINY = 1e-9
 _FORCE = "a normal force far too large"
@@ -150,6 +153,7 @@ class RunEvents:
             int(flag): Occurrences(CONDITIONS[flag].event) for flag in _FLAG_FAULTS
         }
         self._cause = 0
+        self._was_missing, self._missing_since, self._last_touch = False, -1.0, -np.inf
         self._touch = self._contact = np.inf
         self._heights = np.zeros(2 * _MAX_HEIGHT + 1, dtype=np.int64)
 
@@ -174,7 +178,9 @@ class RunEvents:
         self._touch = min([self._touch, *touching[:1]])
         reported = times[(times >= self._touch) & (lost == 0) & (status[:, 2] > 0)]
         self._contact = min([self._contact, *reported[:1]])
-        self._lost.update(times, lost * (times >= self._contact))
+        # After a lift the arm lands a little later than the skill.
+        is_loss = self._is_loss(times, lost > 0, touching)
+        self._lost.update(times, is_loss & (times >= self._contact))
 
         # The cause of a stop is the fault at its start.
         position_times, desired = chunk["desired_position"]
@@ -198,6 +204,22 @@ class RunEvents:
             heights = np.rint(1e3 * (heights + self._compliance * felt))
             heights = np.clip(heights, -_MAX_HEIGHT, _MAX_HEIGHT)
             np.add.at(self._heights, heights.astype(int) + _MAX_HEIGHT, 1)
+
+    def _is_loss(self, times: Array, is_missing: Mask, touching: Array) -> Mask:
+        """Return where missing contact was lost, or is not made for long after a lift.
+
+        `touching` are the times of samples in contact.
+        """
+        if not len(times):
+            return is_missing
+        begins = is_missing & ~np.concatenate([[self._was_missing], is_missing[:-1]])
+        since = np.where(begins, times, -np.inf)
+        since = np.maximum.accumulate(np.maximum(since, self._missing_since))
+        touches = np.concatenate([[self._last_touch], touching])
+        last = touches[np.maximum(np.searchsorted(touches, since, "right") - 1, 0)]
+        self._was_missing, self._missing_since = bool(is_missing[-1]), float(since[-1])
+        self._last_touch = float(touches[-1])
+        return is_missing & ((since - last < _JUST) | (times - since > _LANDING))
 
     def result(self) -> list[RunEvent]:
         """Return the events so far, in chronological order."""

@@ -60,6 +60,17 @@ def test_lost_contact_is_reported_with_its_longest_time():
     ]
 
 
+@pytest.mark.parametrize("until", [(), (3.05, 3.3, 4.1)])
+@pytest.mark.parametrize(("late", "expected"), [(0.4, []), (1.6, ["4.0 to 4.6"])])
+def test_late_landing_after_a_lift_is_no_lost_contact(late, expected, until):
+    signals = recorded()
+    times, force = signals["normal_force"]
+    force[(times >= 2.0) & (times < 3.0 + late)] = 0.0
+    mark(signals, 3.0, 3.0 + late, StatusFlag.CONTACT_LOST)
+    found = sentences(signals, until=until)
+    assert found == [f"contact lost from {interval} s" for interval in expected]
+
+
 def test_contact_at_the_start_is_not_lost_before_it_is_reported():
     signals = recorded(touch=-1.0)
     mark(signals, 0.001, 0.02, StatusFlag.CONTACT_LOST)
