@@ -1,11 +1,12 @@
 """Operator console of an arm behind LCM."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.console import Console
 
 from fmp_drake.apps.page import write_metrics
-from fmp_drake.apps.terminal import has_terminal, is_enter_pressed, noted_interrupts
+from fmp_drake.apps.terminal import has_terminal, is_enter_pressed
 from fmp_drake.errors import RunError, StationError
 from fmp_drake.primitives import Demonstration
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
@@ -39,24 +40,22 @@ def arm_config(arm: str, *, dry: bool = False) -> LcmPanda:
 
 
 def guide_arm(
-    console: Console, scenario: Scenario, config: LcmPanda, duration: float
+    console: Console,
+    scenario: Scenario,
+    config: LcmPanda,
+    duration: float,
+    *,
+    is_ended: Callable[[], bool] = lambda: False,
 ) -> Demonstration:
-    """Record the hand guiding of an arm, until Enter, Ctrl-C or for a duration, s."""
-    key = "Enter or " if has_terminal() else ""
-    console.print(
-        "nothing is sent: guide the arm now, pressing lightly, for at most "
-        f"{duration:g} s; {key}Ctrl-C ends it",
-        soft_wrap=True,
+    """Record the hand guiding of an arm, until Enter or `is_ended`, or for a duration, s."""
+    end = "Enter ends it" if has_terminal() else f"for {duration:g} s"
+    console.print(f"nothing is sent: guide the arm now, pressing lightly; {end}")
+    demonstration = record_arm(
+        scenario,
+        config,
+        until=lambda elapsed: elapsed >= duration or is_enter_pressed() or is_ended(),
+        note="guided by hand, on an arm behind LCM",
     )
-    with noted_interrupts() as is_interrupted:
-        demonstration = record_arm(
-            scenario,
-            config,
-            until=lambda elapsed: (
-                elapsed >= duration or is_enter_pressed() or is_interrupted()
-            ),
-            note="guided by hand, on an arm behind LCM",
-        )
     console.print(recorded_text(demonstration))
     return demonstration
 

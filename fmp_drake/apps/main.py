@@ -26,11 +26,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
             message, code = _run(arguments)
             stopped = terminal.exit_code(None)
         except BaseException as error:
-            stopped = terminal.exit_code(error)
+            message, stopped = "", terminal.exit_code(error)
             if stopped is None:
                 raise
         if stopped is not None:
-            message, code = terminal.MESSAGE, stopped
+            if not (terminal.is_noted() and message):
+                message = terminal.MESSAGE
+            code = stopped
         if message and sys.stderr is not None:
             with suppress(OSError):  # The terminal may be closed.
                 print(" ".join(message.split()), file=sys.stderr)

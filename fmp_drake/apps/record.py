@@ -15,6 +15,7 @@ from fmp_drake.apps.options import (
     option,
 )
 from fmp_drake.apps.page import make_console, open_page, print_next, show_progress
+from fmp_drake.apps.terminal import noted_interrupts
 from fmp_drake.errors import RunError
 from fmp_drake.primitives.data.demonstration import check_ending
 from fmp_drake.primitives.data.files import check_writable
@@ -54,7 +55,7 @@ class RecordOptions(ScenarioOptions):
 def record(to: RecordOptions) -> None:
     """Record a demonstration: a simulated person guides the arm over the board.
 
-    With --arm a person guides a real arm.
+    With --arm a person guides a real arm, until Enter or Ctrl-C.
     """
     console = make_console()
     if to.minutes is not None:
@@ -69,7 +70,9 @@ def record(to: RecordOptions) -> None:
             raise RunError(
                 "--task and --seed are for the simulated person; leave them out with --arm."
             )
-        guide_arm(console, to.load(), arm_config(to.arm), to.duration).save(to.out)
+        arm = to.load(), arm_config(to.arm), to.duration
+        with noted_interrupts() as is_ended:
+            guide_arm(console, *arm, is_ended=is_ended).save(to.out)
         console.print(f"wrote {to.out}")
         return
     end = _SETTLING_TIME + to.duration

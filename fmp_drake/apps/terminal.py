@@ -18,7 +18,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # the hook below to return on a busy machine.
 _REPEAT_DELAY = 0.1
 _received: list[int] = []
-_has_begun = False
+_has_begun = _is_noted = False
 
 
 @contextmanager
@@ -29,9 +29,9 @@ def interrupts() -> Iterator[None]:
     Python only prints exceptions in some places, such as callbacks of the garbage
     collector. There an interrupt is raised again.
     """
-    global _has_begun
+    global _has_begun, _is_noted
     _received.clear()
-    _has_begun = False
+    _has_begun = _is_noted = False
     if not _is_main():
         yield
         return
@@ -66,8 +66,10 @@ def noted_interrupts() -> Iterator[Callable[[], bool]]:
     """
 
     def note(number: int, _frame: FrameType | None) -> None:
+        global _is_noted
         _received.append(number)
-        if len(_received) > 1:
+        _is_noted = len(_received) == 1
+        if not _is_noted:
             raise KeyboardInterrupt
 
     previous = _handle(note) if _is_main() else {}
@@ -86,6 +88,11 @@ def _handle(handler: Callable[[int, FrameType | None], None]) -> dict[int, Any]:
         if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN
     ]
     return {number: signal.signal(number, handler) for number in numbers}
+
+
+def is_noted() -> bool:
+    """Return whether a signal was noted, and has interrupted nothing."""
+    return _is_noted
 
 
 def begin_command() -> None:

@@ -1,5 +1,6 @@
 """Contact of a tool with a surface, in recordings with or without forces."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,8 @@ _FAR, _STEADY, _WEIGHT = 0.03, 0.3, 0.1
 # time over which the force in the air is steady, s, and fraction of such samples.
 _LIFT_WEIGHT, _STEADY_TIME, _QUIET = 0.15, 0.25, 0.1
 _LEAST_SAMPLES = 4  # In the air.
+# Residual of a surface relative to another one that is as exact, and one that is exact, m.
+_AS_EXACT, _EXACT = 1.2, 3e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,7 +146,7 @@ def _offset_of_lifts(path: Demonstration, in_bout: Mask, force: Array) -> Array:
     """Return the force (1 or 3) while the tool is lifted from the surface, or 0.
 
     It is the force where it is steadiest, if without it the other samples of the bouts are
-    on a surface and those with it are above.
+    on a surface, at least as exactly as the contact with it, and those with it are above.
     """
     count = max(3, round(_STEADY_TIME / float(np.median(np.diff(path.time)))))
     none = np.zeros(force.shape[1])
@@ -158,10 +161,16 @@ def _offset_of_lifts(path: Demonstration, in_bout: Mask, force: Array) -> Array:
     if np.linalg.norm(steady) < _LIFT_WEIGHT * pressed or pressed < _LEAST_FORCE:
         return none
     touching = in_bout & (remaining > _PRESSED * pressed)
+    size = np.linalg.norm(force, axis=1)
+    as_recorded = in_bout & (size > _PRESSED * np.percentile(size, 95))
     try:
         fit = fit_surface([path.values], [touching])
     except DemonstrationError:
         return none
+    with suppress(DemonstrationError):
+        residual = fit_surface([path.values], [as_recorded]).residual
+        if fit.residual > _AS_EXACT * residual + _EXACT:
+            return none  # The steady force is that of the contact.
     is_free = in_bout & ~touching
     lifted = is_free & (fit.coordinates(path.values)[:, 2] > _FAR)
     if np.sum(lifted) < max(_LEAST_SAMPLES, np.sum(is_free) / 2):

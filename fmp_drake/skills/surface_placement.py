@@ -258,9 +258,10 @@ def _set_board(
     remarks = []
     if fit.shape != "plane":
         board.radius = scale * fit.radius
-        board.size = [float(size) for size in scale * extent + edges]
         board.translation = [x, y, z + _RAISED.get(fit.shape, 0.0)]
         remarks = _adapt_eraser(scenario)
+        edges = np.array(scenario.board_footprint()) + BORDER
+        board.size = [float(size) for size in scale * extent + edges]
     scenario.check()
     return scale, np.array([*(low + high) / 2, 0.0]), remarks
 
@@ -270,32 +271,33 @@ def _adapt_eraser(scenario: Scenario) -> list[str]:
 
     Where that is not enough, the force is lowered. Returns remarks.
     """
-    eraser, surface, remarks = scenario.eraser, scenario.board.curvature(), []
-    given = eraser.footprint
+    eraser, surface, press = scenario.eraser, scenario.board.curvature(), scenario.press
+    given, remarks = eraser.footprint, list[str]()
 
-    def state() -> tuple[float, float]:
-        sagitta = surface.sagitta(scenario.board_footprint())
-        return sagitta, _BORNE * FeltForceLimit(eraser, sagitta=sagitta)
+    def sagitta(footprint: list[float]) -> float:
+        eraser.footprint = footprint
+        return surface.sagitta(scenario.board_footprint())
 
-    sagitta, limit = state()
-    while limit < scenario.press.force and sagitta > _BENT * FELT_DEPTH:
-        longest = max(eraser.footprint)
-        eraser.footprint = [
-            round(0.95 * edge, 4) if edge == longest else edge
-            for edge in eraser.footprint
-        ]
-        sagitta, limit = state()
-    if eraser.footprint != given:
-        x, y = eraser.footprint
+    if FeltForceLimit(eraser, sagitta=sagitta(given)) >= press.force:
+        return []
+    bent, footprint = sagitta(given), given
+    while bent > _BENT * FELT_DEPTH:
+        if _BORNE * FeltForceLimit(eraser, sagitta=bent) >= press.force:
+            break
+        x, y = footprint
+        shorter = ([round(0.95 * x, 4), y], [x, round(0.95 * y, 4)])
+        footprint = min(shorter, key=sagitta)
+        bent = sagitta(footprint)
+    if footprint != given:
+        x, y = footprint
         remarks.append(
             f"eraser shortened to {1e3 * x:.0f} mm x {1e3 * y:.0f} mm: a longer one does not "
             "fit the curvature"
         )
-    if limit < scenario.press.force:
-        scenario.press.force = float(math.floor(limit))
-        remarks.append(
-            f"normal force lowered to {scenario.press.force:g} N, which it bears"
-        )
+    limit = math.floor(_BORNE * FeltForceLimit(eraser, sagitta=bent))
+    if 1 <= limit < press.force:
+        press.force = float(limit)
+        remarks.append(f"normal force lowered to {limit} N, which the felt bears")
     return remarks
 
 

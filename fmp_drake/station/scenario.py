@@ -1,6 +1,7 @@
 """Scenarios: all settings of a station, as YAML."""
 
 import math
+import os
 import reprlib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -333,7 +334,7 @@ def _Parse(
             _Locate(scenario, folder)
         if robot not in (None, scenario.robot):
             scenario.robot, scenario.posture = str(robot), []
-    if Path(scenario.robot).is_file():
+    if os.path.isfile(scenario.robot):
         LoadRobot(scenario.robot)  # Its errors name its own file.
     with in_one_line(f"{name} is not a scenario"):
         scenario.check()

@@ -62,7 +62,8 @@ def in_one_line(what: str, hint: str = "") -> Iterator[None]:
         yaml.YAMLError,
     ) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise StationError(f"{what}: {reason}{hint}") from None
+        text = f"{reason.rstrip('.')}.{hint}" if hint else reason
+        raise StationError(f"{what}: {text}") from None
 
 
 def load_yaml(schema: type, text: str) -> Any:

@@ -17,7 +17,7 @@ from network import Network, needs_network
 from fmp_drake.apps.arm_console import ARM_MODEL, arm_config
 from fmp_drake.apps.main import main
 from fmp_drake.apps.page import open_page
-from fmp_drake.errors import StationError
+from fmp_drake.errors import RunError, StationError
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
@@ -137,8 +137,7 @@ def test_a_guided_arm_is_recorded_until_enter(command, outputs, monkeypatch, ent
     bus.at[1500] = enter
     result = command("record", "--out", path, "--arm", "lcm:memq://")
     assert result.code == 0, result
-    assert "nothing is sent: guide the arm now, pressing lightly, for at" in result.out
-    assert "Enter or Ctrl-C ends it" in result.out
+    assert "nothing is sent: guide the arm now, pressing lightly; Enter" in result.out
     shown = Demonstration.load(path)
     assert f"recorded {shown.duration:.1f} s at 20 Hz: x " in result.out
     assert f"wrote {path}" in result.out
@@ -154,6 +153,29 @@ def test_a_guided_arm_is_recorded_until_ctrl_c(command, outputs, monkeypatch):
     assert (result.code, result.err) == (130, "fmp-drake: stopped.\n")
     assert f"wrote {path}" in result.out
     assert 0.9 < Demonstration.load(path).duration < 1.6
+
+
+def test_recording_that_is_ended_and_cannot_be_saved_says_so(
+    command, outputs, monkeypatch
+):
+    def fail(*_):
+        raise RunError("the disk is full.")
+
+    bus, path = Bus(monkeypatch, hand=guided(5.0)), outputs / "shown.npz"
+    monkeypatch.setattr(sys, "stdin", None)
+    monkeypatch.setattr(Demonstration, "save", fail)
+    bus.at[1500] = lambda: os.kill(os.getpid(), signal.SIGINT)
+    result = command("record", "--out", path, "--arm", "lcm:memq://")
+    assert (result.code, result.err) == (130, "fmp-drake: the disk is full.\n")
+
+
+def test_teaching_of_an_arm_ends_with_ctrl_c(command, outputs, monkeypatch):
+    bus = Bus(monkeypatch, hand=guided(5.0))
+    monkeypatch.setattr(sys, "stdin", None)
+    bus.at[1500] = lambda: os.kill(os.getpid(), signal.SIGINT)
+    files = ("--out", outputs / "shown.npz", "--skill", outputs / "skill.npz")
+    result = command("teach", "--duration", 60, "--arm", "lcm:memq://", *files)
+    assert (result.code, result.err) == (130, "fmp-drake: stopped.\n")
 
 
 @pytest.mark.parametrize(

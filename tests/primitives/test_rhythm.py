@@ -372,11 +372,11 @@ def test_few_cycles_with_a_pause_within_are_found(cycles, least, has_approach):
     assert np.mean(is_right) >= least
 
 
-@pytest.mark.parametrize("cycles", [3, 5])
-def test_pause_of_each_cycle_is_a_part_of_it(cycles):
+@pytest.mark.parametrize(("strokes", "cycles"), [(1, 2), (1, 3), (1, 5), (2, 2)])
+def test_pause_of_each_cycle_is_a_part_of_it(strokes, cycles):
     phase = 2 * np.pi * np.linspace(0, 1, 60)[:-1]
     stroke = np.column_stack([np.sin(phase), 0.6 * np.sin(2 * phase + 0.5)])
-    one = np.concatenate([stroke, np.repeat(stroke[:1], 30, axis=0)])
+    one = np.concatenate([*[stroke] * strokes, np.repeat(stroke[:1], 30, axis=0)])
     values = 0.1 * np.tile(one, (cycles, 1))
     values += 2e-4 * np.random.default_rng(0).standard_normal(values.shape)
     found = find_rhythm(demonstration(values))

@@ -174,14 +174,13 @@ def test_offset_of_the_force_is_that_of_the_lifts(shape, offset):
     assert_allclose(placed.values[:, 2], true.values[:, 2], atol=0.005)
 
 
-@pytest.mark.parametrize("lift", [0.0, 0.2])
-def test_constant_force_in_contact_is_no_offset(lift):
-    recording, _, on, *_ = posed("dome", force="scalar", lift=lift, approach=False)
+@pytest.mark.parametrize("lift", [0.0, 0.1, 0.2])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_constant_force_in_contact_is_no_offset(shape, lift):
+    recording, _, on, *_ = posed(shape, force="scalar", lift=lift, approach=False)
     values = recording.values.copy()
     column = recording.channels.index("force")
     values[:, column] = np.where(on, 12.0, 0.0)
-    # It is pressed harder now and then.
-    values[::50, column] *= 1.5
     noise = np.random.default_rng(0).normal(0, 0.3, len(values))
     values[:, column] += noise
     (placed,), remarks = place_on_fitted_surface(
@@ -200,8 +199,31 @@ def test_eraser_is_shortened_on_a_strong_curvature():
     assert any("eraser shortened to" in remark for remark in remarks)
     assert scenario.board.radius == pytest.approx(0.12, rel=0.05)
     assert max(scenario.eraser.footprint) < 0.09
-    assert remarks[-1] == "normal force lowered to 9 N, which it bears"
+    assert remarks[-1] == "normal force lowered to 9 N, which the felt bears"
     assert scenario.press.force == 9.0
+
+
+@pytest.mark.parametrize("radius", [0.08, 0.1])
+def test_board_is_as_large_as_the_shortened_eraser_needs(radius):
+    time, uvh, *_ = wiping("plane")
+    surface = Surface(kx=1 / radius, ky=1 / radius)
+    points = place(surface, 5 * radius * uvh)
+    recording = Demonstration(time=time, values=points, channels=("x", "y", "z"))
+    scenario = Scenario()
+    _, remarks = place_on_fitted_surface([recording], scenario=scenario)
+    assert any("eraser shortened to" in remark for remark in remarks)
+    assert scenario.board.radius == pytest.approx(radius, rel=0.05)
+
+
+def test_edge_along_a_cylinder_is_not_shortened():
+    time, uvh, *_ = wiping("plane")
+    points = place(Surface(kx=0.0, ky=1 / 0.1), 0.6 * uvh)
+    recording = Demonstration(time=time, values=points, channels=("x", "y", "z"))
+    scenario = Scenario()
+    scenario.eraser.footprint = [0.12, 0.12]
+    place_on_fitted_surface([recording], scenario=scenario)
+    assert max(scenario.eraser.footprint) == 0.12
+    assert min(scenario.eraser.footprint) < 0.1
 
 
 def test_nearly_flat_surface_is_a_plane():

@@ -234,7 +234,10 @@ def check_writable(
     """
     if path is None:
         return
-    folder = path.resolve().parent  # A link is followed.
+    target = Path(os.path.realpath(path))
+    if target.is_symlink():
+        raise FmpError(f"{path} is a link that leads to itself.")
+    folder = target.parent
     if not folder.is_dir():
         raise FmpError(f"there is no folder {folder} to write {path.name} into.")
     if not os.access(folder, os.W_OK | os.X_OK):

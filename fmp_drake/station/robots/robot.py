@@ -260,7 +260,7 @@ def AddRobot(
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(models_dir() / "package.xml"))
     hint = (
-        ". Meshes are found relative to the model, or in its package, a folder with a "
+        " Meshes are found relative to the model, or in its package, a folder with a "
         "package.xml around it; a model may have no <visual>."
     )
     with in_one_line(f"{Path(config.model).name} cannot be read", hint):

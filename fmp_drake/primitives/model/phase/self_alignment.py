@@ -30,6 +30,8 @@ _LEAST_SCORE, _SCORE_PER_DOUBLING, _LEAST_OF_KNOWN = 0.12, 0.06, 0.1
 # Length of a standstill, samples, its speed relative to the root mean square, and samples over
 # which the speed is averaged.
 _STANDSTILL, _STANDSTILL_SPEED, _SMOOTHED = 20, 0.1, 5
+# Distance of two standstills at the same place, relative to the recording's deviation.
+_SAME_PLACE = 0.3
 
 
 class Alignment(NamedTuple):
@@ -56,19 +58,21 @@ def aligned_period(recordings: Sequence[Array]) -> float | None:
 
     About a fifth of a cycle must recur, more in long recordings; None if less does. A
     pause that does not come again is no part of a cycle: the parts beside it are aligned.
+    Several are parts of the cycles, unless these would be fewer than two.
     """
-    parts = _moving_parts(recordings)
+    parts, places = _moving_parts(recordings)
     pauses = len(parts) - len(recordings)
-    if pauses == 1 and (period := _period_of_best(parts)) is not None:
+    if pauses == 1 and len(places) == 1 and (period := _period_of_best(parts)):
         return period
     period = _period_of_best(recordings)
-    if pauses > 1 and (period is None or sum(map(len, recordings)) < 2 * period):
+    is_single = period is None or sum(map(len, recordings)) < 2 * period
+    if pauses > 1 and is_single:
         period = _period_of_best(parts) or period
     return period
 
 
 def _period_of_best(recordings: Sequence[Array]) -> float | None:
-    """Return the period, in samples, of the best alignment of one recording, if any."""
+    """Return the period, in samples, of the best alignment of a recording, if any."""
     alignments = [
         alignment
         for y in recordings
@@ -84,19 +88,31 @@ def _period_of_best(recordings: Sequence[Array]) -> float | None:
     return best.period if best.score > least else None
 
 
-def _moving_parts(recordings: Sequence[Array]) -> list[Array]:
-    """Return the parts of recordings (n, D) between standstills of 20 samples or more."""
+def _moving_parts(
+    recordings: Sequence[Array],
+) -> tuple[list[Array], list[Array]]:
+    """Return the parts of recordings (n, D) between standstills, and the standstills.
+
+    Of these, which last for 20 samples or more, only those are returned that are at the
+    place of one between two parts: their mean positions (D,).
+    """
     window = np.ones(_SMOOTHED) / _SMOOTHED
-    parts = []
+    parts, places, inner = list[Array](), list[Array](), list[Array]()
     for y in recordings:
         speed = np.linalg.norm(np.gradient(y, axis=0), axis=1)
         speed = np.convolve(speed, window, "same")
         least = _STANDSTILL_SPEED * np.sqrt(np.mean(speed**2))
         is_moving = np.ones(len(y), dtype=bool)
         for a, b in runs(speed < least):
-            is_moving[a:b] = b - a < _STANDSTILL
+            if b - a >= _STANDSTILL:
+                is_moving[a:b] = False
+                places.append(y[a:b].mean(axis=0))
+                inner += places[-1:] if 0 < a and b < len(y) else []
         parts += [y[a:b] for a, b in runs(is_moving) if b - a > _SMOOTHED]
-    return parts
+    near = _SAME_PLACE * np.sqrt(np.sum(np.var(np.concatenate(recordings), axis=0)))
+    return parts, [
+        p for p in places if any(np.linalg.norm(p - other) <= near for other in inner)
+    ]
 
 
 def aligned_samples(recordings: Sequence[Array], period: float) -> list[Mask]:
