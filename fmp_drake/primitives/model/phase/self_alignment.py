@@ -62,8 +62,11 @@ def aligned_period(recordings: Sequence[Array]) -> float | None:
     """
     parts, places = _moving_parts(recordings)
     pauses = len(parts) - len(recordings)
-    if pauses == 1 and len(places) == 1 and (period := _period_of_best(parts)):
-        return period
+    if pauses == 1 and len(places) == 1:
+        # Both sides of the pause may be shorter than a cycle.
+        joined = [np.concatenate(parts)] if len(recordings) == 1 else []
+        if period := _period_of_best(parts) or _period_of_best(joined):
+            return period
     period = _period_of_best(recordings)
     is_single = period is None or sum(map(len, recordings)) < 2 * period
     if pauses > 1 and is_single:
