@@ -80,7 +80,7 @@ def learn(
     """Learn a skill from DEMONSTRATIONS (tables, bags ...) and write it to a file."""
     console = make_console()
     check_writable(skill.out, "a skill", [".npz"])
-    if skill.out.resolve() in {path.resolve() for path in demonstrations}:
+    if os.path.realpath(skill.out) in map(os.path.realpath, demonstrations):
         raise FmpError(f"{skill.out} is the recording; give the skill its own file.")
     if skill.as_recorded and (learning.transform or learning.surface or learning.extra):
         raise FmpError(
@@ -151,8 +151,8 @@ def learn(
         print_next(console, "wipe", "--scenario", str(skill.board))
     elif learning.surface is not None:
         console.print(
-            "the fitted board is not in the skill: repeat this with --board board.yaml, "
-            "which also writes what force and orientation need",
+            "the fitted board is not in the skill: repeat this with --board board.yaml, which "
+            "also holds the controller's settings for force and orientation",
             soft_wrap=True,
         )
     elif not skill.as_recorded and {*POSITION_CHANNELS} <= {*learned.channels_}:

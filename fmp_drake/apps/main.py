@@ -70,10 +70,6 @@ def _run(arguments: Sequence[str] | None) -> tuple[str, int]:
         if error.errno in (errno.ENOSPC, errno.EFBIG) and not error.filename:
             reason += f" (temporary files are in {tempfile.gettempdir()})"
         return f"fmp-drake: {reason}", 2
-    except RuntimeError as error:
-        if "Symlink loop" not in str(error):
-            raise
-        return f"fmp-drake: {error}", 2
     return "", 0
 
 

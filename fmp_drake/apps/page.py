@@ -236,7 +236,9 @@ def make_folder(path: Path) -> None:
 def print_next(console: Console, *arguments: str) -> None:
     """Print the next command."""
     # A file with a leading dash would be taken for an option.
-    words = [f"./{w}" if w[0] == "-" and Path(w).exists() else w for w in arguments]
+    words = [
+        f"./{w}" if w.startswith("-") and Path(w).exists() else w for w in arguments
+    ]
     line = shlex.join(["fmp-drake", *words])
     console.print(f"next: {line}", soft_wrap=True)
 

@@ -1,5 +1,6 @@
 """Results of a run: a table in the terminal, and files."""
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -56,12 +57,12 @@ class RunFiles:
         check_writable(self.log, "a log", [".npz"], RunError)
         check_graph(self.graphviz)
         files = [self.html, self.video, self.plot, self.log, self.report, self.graphviz]
-        paths = [path.resolve() for path in files if path is not None]
+        paths = [os.path.realpath(path) for path in files if path is not None]
         for path in paths:
             if paths.count(path) > 1:
                 raise RunError(f"{path} is named twice; give each output its own file.")
         for read in inputs:
-            if read is not None and read.resolve() in paths:
+            if read is not None and os.path.realpath(read) in paths:
                 raise RunError(f"{read} is read; give the output a file of its own.")
         if of_arm and any((self.html, self.video, self.plot, self.log, self.graphviz)):
             raise RunError(

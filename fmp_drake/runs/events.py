@@ -14,8 +14,8 @@ from fmp_drake.systems.surface_monitor import TOLERANCE
 
 # Largest error of the board's height, mm.
 _MAX_HEIGHT = 1000
-# Longest time from the beginning of a desired force to contact after a lift, and time after a
-# contact in which one that is missing was lost, s.
+# After a lift, contact may be missing for the first time until the eraser lands. Contact that is
+# missing within the second time after a touch was lost, s.
 _LANDING, _JUST = 1.0, 0.3
 # A magnitude above 0 that is rounded to 0 in texts.
 _TINY = 1e-9

@@ -145,8 +145,9 @@ def _offset(points: Array, in_bout: Mask, force: Array) -> Array:
 def _offset_of_lifts(path: Demonstration, in_bout: Mask, force: Array) -> Array:
     """Return the force (1 or 3) while the tool is lifted from the surface, or 0.
 
-    It is the force where it is steadiest, if without it the other samples of the bouts are
-    on a surface, at least as exactly as the contact with it, and those with it are above.
+    The candidate is the force where it is steadiest. It is an offset if, without it, the
+    samples in contact fit a surface about as well as those of the recorded force do, and
+    the tool is lifted from that surface in most of the other samples.
     """
     count = max(3, round(_STEADY_TIME / float(np.median(np.diff(path.time)))))
     none = np.zeros(force.shape[1])

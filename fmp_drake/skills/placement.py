@@ -447,13 +447,13 @@ def place_on_board(
     usable = np.array(scenario.board.size) - scenario.board_footprint() - BORDER
     placement = fit_placement(demonstration, usable=usable, **rhythm)
     touching = f"{100 * placement.touching:.0f} % of the time"
-    instead = "Give its pose (--transform), or learn it as it is (learn --as-recorded)."
+    instead = "give its pose (--transform), or learn it as it is (learn --as-recorded)."
     if placement.touching < _LEAST_TOUCHING:
         raise DemonstrationError(
             f"on the board it would touch it {touching}; at least "
-            f"{100 * _LEAST_TOUCHING:.0f} % is needed. {instead}"
+            f"{100 * _LEAST_TOUCHING:.0f} % is needed; {instead}"
         )
-    check_scale(placement.scale, f"Or {instead[0].lower()}{instead[1:]}")
+    check_scale(placement.scale, f"Or {instead}")
     tilt = np.degrees(np.arccos(min(abs(placement.rotation[2, 2]), 1.0)))
     tilted = f" (tilted by {tilt:.0f} degrees in the recording)" if tilt > _TILT else ""
     remarks.append(

@@ -275,15 +275,17 @@ def _adapt_eraser(scenario: Scenario) -> list[str]:
     given, remarks = eraser.footprint, list[str]()
 
     def sagitta(footprint: list[float]) -> float:
+        """Return the sagitta under an eraser, which gets a footprint, m."""
         eraser.footprint = footprint
         return surface.sagitta(scenario.board_footprint())
 
-    if FeltForceLimit(eraser, sagitta=sagitta(given)) >= press.force:
-        return []
-    bent, footprint = sagitta(given), given
-    while bent > _BENT * FELT_DEPTH:
-        if _BORNE * FeltForceLimit(eraser, sagitta=bent) >= press.force:
-            break
+    footprint, bent = given, sagitta(given)
+    if FeltForceLimit(eraser, sagitta=bent) >= press.force:
+        return remarks
+    while (
+        bent > _BENT * FELT_DEPTH
+        and _BORNE * FeltForceLimit(eraser, sagitta=bent) < press.force
+    ):
         x, y = footprint
         shorter = ([round(0.95 * x, 4), y], [x, round(0.95 * y, 4)])
         footprint = min(shorter, key=sagitta)

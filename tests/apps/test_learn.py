@@ -35,6 +35,20 @@ def test_poses_are_played_where_the_tool_moves_freely(command, outputs):
     assert f"next: fmp-drake wipe --scenario stir --skill {skill}" in result.out
 
 
+def test_fitted_board_that_is_not_written_is_said_to_be_lost(
+    command, make_npz, outputs
+):
+    files = ("--out", outputs / "skill.npz")
+    alone = command("learn", make_npz(), "--surface", "plane", *files)
+    assert alone.code == 0, alone
+    assert "the fitted board is not in the skill" in alone.out
+    assert "next:" not in alone.out
+    board = outputs / "board.yaml"
+    both = command("learn", make_npz(), "--surface", "plane", *files, "--board", board)
+    assert f"next: fmp-drake wipe --scenario {board}" in both.out
+    assert "not in the skill" not in both.out
+
+
 def test_options_set_window_and_components(command, make_npz, outputs):
     skill = outputs / "skill.npz"
     options = ("--window", 2.0, "--n-components", 3)

@@ -28,6 +28,18 @@ def test_every_robot_is_listed_with_its_joints_and_reach(command):
     assert "reflected_inertia" not in result.out
 
 
+def test_missing_picture_of_a_robot_is_found_before_it_is_used(refused, tmp_path):
+    urdf = (models_dir() / "ur5e" / "ur5e.urdf").read_text()
+    visual = '<visual><geometry><mesh filename="no.obj"/></geometry></visual><inertial>'
+    (tmp_path / "mine.urdf").write_text(urdf.replace("<inertial>", visual, 1))
+    config = (models_dir() / "ur5e" / "ur5e.yaml").read_text()
+    file = tmp_path / "mine.yaml"
+    file.write_text(config.replace("ur5e.urdf", "mine.urdf"))
+    message = refused("robots", file)
+    assert "mine.urdf cannot be read" in message
+    assert message.endswith("a model may have no <visual>.\n")
+
+
 def test_a_robot_of_a_file_is_listed(command, tmp_path):
     model = LoadRobot("ur5e").model
     text = f"""

@@ -326,8 +326,9 @@ class TrialSpec:
         """Return the absolute path of a file in the folder, any other value unchanged."""
         if name not in _FILES or not value:
             return value
-        file = self.folder / str(value)
-        if Path(str(value)).suffix and not (file.exists() or Path(str(value)).exists()):
+        given = Path(str(value))
+        file = self.folder / given
+        if given.suffix and not (file.exists() or given.exists()):
             raise ExperimentError(
                 f"{name} is {shown(value)}; there is no such file in "
                 f"{self.folder.resolve()}."
@@ -429,9 +430,10 @@ def _find(fields: dict[str, Any], name: str) -> tuple[Any, str | int]:
         is_list = isinstance(container, list)
         allowed = list(range(len(container)) if is_list else container)
         if key not in allowed:
-            keys_text = ", ".join(map(str, allowed))
-            keys_text = keys_text or "no values; give them in a scenario, the base"
-            raise ExperimentError(f"there is no {name}: {parent} has {keys_text}.")
+            names = ", ".join(map(str, allowed)) or (
+                "no values; give them in a scenario, the base"
+            )
+            raise ExperimentError(f"there is no {name}: {parent} has {names}.")
         if i == len(keys) - 1:
             return container, key
         container = container[key]

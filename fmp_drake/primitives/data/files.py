@@ -39,7 +39,7 @@ def replaced(path: Path, error: type[FmpError] = FmpError) -> Iterator[Path]:
         Raised where the file cannot be written, or is a device or a pipe.
     """
     ending = path.suffix
-    path = path.resolve()
+    path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
         raise error(f"cannot write {path}: it is not a regular file.")
     _delete_abandoned(path, ending)

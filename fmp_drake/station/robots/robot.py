@@ -327,7 +327,6 @@ def _CheckModel(
 
     # From the base to the flange, as in a plant, wherever they are in the file.
     joints = sorted((j for j in joints if j.num_positions()), key=depth)
-    moving = {j.child_body().index(): j.index() for j in joints}
     if other := [j.name() for j in joints if j.type_name() != "revolute"]:
         raise StationError(
             f"{', '.join(other)} of {model} cannot be joints of an arm: it has revolute joints "
@@ -365,16 +364,15 @@ def _CheckModel(
         raise StationError(
             f"a joint of {model} mimics another one; make it fixed, or a joint of its own."
         )
-    links = {j.index(): j.child_body().name() for j in joints}
-    masses = dict.fromkeys(links, 0.0)
+    # Masses of the links, each with the bodies that are fixed to it.
+    masses = dict.fromkeys((j.child_body().index() for j in joints), 0.0)
     for i in plant.GetBodyIndices(arm):
-        # A body moves with the last joint that leads to it.
-        body = i
-        while body in parents and moving.get(body) is None:
-            body = parents[body]
-        if (joint := moving.get(body)) is not None:
-            masses[joint] += plant.get_body(i).default_mass()
-    if massless := [links[joint] for joint, mass in masses.items() if not mass]:
+        link = i
+        while link in parents and link not in masses:
+            link = parents[link]
+        if link in masses:
+            masses[link] += plant.get_body(i).default_mass()
+    if massless := [plant.get_body(i).name() for i, mass in masses.items() if not mass]:
         raise StationError(
             f"links of {model} have no mass: {', '.join(massless)}; give each its inertia."
         )

@@ -57,8 +57,9 @@ def aligned_period(recordings: Sequence[Array]) -> float | None:
     """Return the period, in samples, of the best alignment of recordings (n, D).
 
     About a fifth of a cycle must recur, more in long recordings; None if less does. A
-    pause that does not come again is no part of a cycle: the parts beside it are aligned.
-    Several are parts of the cycles, unless these would be fewer than two.
+    single pause that does not recur is not part of a cycle, so the parts before and after
+    it are aligned instead. Several pauses are taken for parts of the cycles, unless there
+    would be fewer than two cycles.
     """
     parts, places = _moving_parts(recordings)
     pauses = len(parts) - len(recordings)
@@ -68,8 +69,7 @@ def aligned_period(recordings: Sequence[Array]) -> float | None:
         if period := _period_of_best(parts) or _period_of_best(joined):
             return period
     period = _period_of_best(recordings)
-    is_single = period is None or sum(map(len, recordings)) < 2 * period
-    if pauses > 1 and is_single:
+    if pauses > 1 and (period is None or sum(map(len, recordings)) < 2 * period):
         period = _period_of_best(parts) or period
     return period
 
@@ -94,10 +94,10 @@ def _period_of_best(recordings: Sequence[Array]) -> float | None:
 def _moving_parts(
     recordings: Sequence[Array],
 ) -> tuple[list[Array], list[Array]]:
-    """Return the parts of recordings (n, D) between standstills, and the standstills.
+    """Return the parts of recordings (n, D) between standstills of 20 samples or more.
 
-    Of these, which last for 20 samples or more, only those are returned that are at the
-    place of one between two parts: their mean positions (D,).
+    Also return the mean positions (D,) of the standstills within a recording, and of those
+    at its ends that are at the same place as one of them.
     """
     window = np.ones(_SMOOTHED) / _SMOOTHED
     parts, places, inner = list[Array](), list[Array](), list[Array]()
