@@ -215,3 +215,28 @@ def few_cycles(seed, cycles, *, has_approach=True):
     values = np.concatenate(pieces)
     values = values + smooth_noise(rng, len(values), channels, rng.uniform(2e-4, 1e-3))
     return Synthetic(values, (count - 1) / RATE / cycles, cycles, left_out)
+
+
+def with_pause(rng, values, at, seconds, *, height=0.0, up=0.7):
+    """Return values (n, D) with a pause at a sample, where the movement stops within 0.3 s.
+
+    With a height, m, it is at the top of a lift that takes a time up, s, and one down.
+    """
+    count = round(0.3 * RATE)
+    first, stop = max(at - count, 0), min(at + count, len(values) - 1)
+    times = np.linspace(0, 1, 2 * count + 1)
+    slowing = times * (2 - times)
+
+    def along(places):
+        columns = (np.interp(places, np.arange(len(values)), c) for c in values.T)
+        return np.column_stack(list(columns))
+
+    before = along(first + (at - first) * slowing)
+    after = along(stop - (stop - at) * slowing[::-1])
+    direction = rng.standard_normal(values.shape[1])
+    top = values[at] + height * direction / np.linalg.norm(direction)
+    still = np.repeat(top[None], round(seconds * RATE), axis=0)
+    still += 3e-5 * np.cumsum(rng.standard_normal(still.shape), axis=0)
+    way = eased(values[at], top, round(up * RATE)) if height else values[:0]
+    pieces = (values[:first], before, way, still, way[::-1], after, values[stop + 1 :])
+    return np.concatenate(pieces)

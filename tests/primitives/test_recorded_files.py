@@ -358,6 +358,40 @@ def test_gaps_up_to_half_a_second_are_bridged(gap, is_bridged, tmp_path):
     assert any("not bridged: 1" in remark for remark in remarks) != is_bridged
 
 
+@pytest.mark.parametrize("jump", [0.2, -0.5])
+@pytest.mark.parametrize(
+    "rows", [[0], [1], [0, 1], [100, 102, 250], [60, 61, 62], [399]]
+)
+def test_positions_that_jump_away_and_back_are_left_out(rows, jump, tmp_path):
+    path = files.PATH.copy()
+    path[rows, 1] += jump
+    text = files.lines(files.TIME, *path.T, header="time,x,y,z")
+    (found,), (remark,) = read_demonstrations([files.write(tmp_path, text).path])
+    kept = np.delete(np.arange(400), rows)
+    assert_allclose(found.time, files.TIME[kept], atol=1e-12)
+    assert_allclose(found.values, files.PATH[kept], atol=1e-9)
+    assert f"{len(rows)} sample" in remark
+    assert f"jumps, by up to {abs(jump):.1f}" in remark
+
+
+@pytest.mark.parametrize("change", ["step", "long", "noise", "often"])
+def test_other_changes_of_the_position_are_kept(change, tmp_path):
+    path = files.PATH.copy()
+    rng = np.random.default_rng(0)
+    if change == "step":
+        path[200:] += 0.3
+    elif change == "long":
+        path[200:204] += 0.3
+    elif change == "noise":
+        path += 0.05 * rng.standard_normal(path.shape)
+    else:
+        path[rng.choice(400, 40, replace=False)] += 0.3
+    text = files.lines(files.TIME, *path.T, header="time,x,y,z")
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.values, path, atol=1e-9)
+    assert not remarks
+
+
 def test_components_of_a_force_have_standard_names(tmp_path):
     columns = (files.TIME, *files.PATH.T, *files.PATH.T)
     text = files.lines(*columns, header="time,x,y,z,fx,fy,fz")

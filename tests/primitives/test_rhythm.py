@@ -12,6 +12,7 @@ from synthetic_recordings import (
     smooth_noise,
     synthetic_recording,
     varying_phase,
+    with_pause,
 )
 
 from fmp_drake.errors import DemonstrationError
@@ -352,24 +353,54 @@ def test_few_cycles_between_approach_and_retreat_are_found(cycles, least):
     assert ends >= 0.9
 
 
-@pytest.mark.parametrize(("cycles", "least"), [(2.2, 0.5), (3, 0.85)])
-@pytest.mark.parametrize("has_approach", [True, False])
-def test_few_cycles_with_a_pause_within_are_found(cycles, least, has_approach):
+@pytest.mark.parametrize(
+    ("cycles", "places", "height", "least"),
+    [
+        (1.6, 1, 0.0, 0.7),
+        (2.2, 1, 0.0, 0.8),
+        (3, 1, 0.0, 0.9),
+        (3, 2, 0.0, 0.7),
+        (2.2, 1, 0.1, 0.6),
+        (3, 1, 0.1, 0.75),
+    ],
+)
+def test_few_cycles_with_pauses_and_lifts_are_found(cycles, places, height, least):
     is_right = []
-    for seed in range(930, 950):
-        truth = few_cycles(seed, cycles, has_approach=has_approach)
+    for seed in range(930, 954):
+        truth = few_cycles(seed, cycles, has_approach=seed % 2 == 0)
         rng = np.random.default_rng(seed)
-        count, start = truth.values.shape[0], rng.uniform(0.3, 0.7)
-        at, length = round(start * count), round(rng.uniform(1.5, 5.0) * RATE)
-        held = np.repeat(truth.values[[at]], length, axis=0)
-        held += 3e-5 * np.cumsum(rng.standard_normal(held.shape), axis=0)
-        values = np.concatenate([truth.values[:at], held, truth.values[at:]])
+        values = truth.values
+        for place in range(places):
+            at = round((place + rng.uniform(0.3, 0.7)) / places * len(values))
+            values = with_pause(rng, values, at, rng.uniform(0.6, 4), height=height)
         try:
             found = find_rhythm(demonstration(values)).period
         except DemonstrationError:
             found = np.inf
-        is_right.append(abs(found / truth.period - 1) < 0.08)
+        # The movement is slower beside a pause.
+        is_right.append(-0.08 < found / truth.period - 1 < 0.12)
     assert np.mean(is_right) >= least
+
+
+@pytest.mark.parametrize(("height", "kind"), [(0.0, "pause"), (0.1, "lift")])
+def test_bouts_beside_a_pause_in_few_cycles(height, kind):
+    phase = 2 * np.pi * np.linspace(0, 2.2, 221)
+    path = np.column_stack([np.sin(phase), 0.6 * np.sin(2 * phase + 0.5), 0 * phase])
+    rng = np.random.default_rng(1)
+    values = with_pause(rng, 0.1 * path, 130, 2.0, height=height)
+    found = find_rhythm(demonstration(values))
+    duration = 2.0 + (1.4 if height else 0.0)
+    (pause,) = found.left_out
+    assert pause.kind == kind
+    assert pause.start == pytest.approx(6.8, abs=0.3)
+    assert pause.end == pytest.approx(6.8 + duration, abs=0.3)
+    assert [bout.start for bout in found.bouts] == [0.0, pause.end]
+    assert found.bouts[1].end == pytest.approx(len(values) / RATE)
+    assert found.period == pytest.approx(5.0, rel=0.06)
+    assert found.cycles == pytest.approx(2.2, abs=0.1)
+    ends = [end for bout in found.bouts for end in bout.cycle_ends]
+    # Stopping and starting take 0.3 s each.
+    assert ends == pytest.approx([5.0, 10.6 + duration], abs=0.2)
 
 
 @pytest.mark.parametrize(("strokes", "cycles"), [(1, 2), (1, 3), (1, 5), (2, 2)])

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -87,6 +88,9 @@ _LEAST_COMPLETE = 0.5
 _LARGEST_ANGLE = 4 * np.pi
 # Change of an angle from sample to sample that is a revolution less than it seems, rad.
 _JUMP = 1.5 * np.pi
+# Positions that jump: least speed, m/s, and relative to nine tenths of the others; the most
+# samples in a row, and the greatest fraction of all samples.
+_FASTEST, _JUMP, _MOST_JUMPING, _MOST_JUMPS = 3.0, 5.0, 3, 0.05
 # Width of a path above which its unit is questioned, m.
 _WIDEST = 5.0
 
@@ -158,6 +162,9 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     units = _to_standard_units(values, channels, options, remarks)
     names = [*channels]
     values = _continuous_angles(values, names, units, remarks)
+    metres = [i for i, name in enumerate(names) if name in POSITION_CHANNELS]
+    is_steady = _steady_samples(time, values[:, metres], remarks)
+    time, values = time[is_steady], values[is_steady]
     if gaps := np.count_nonzero(np.diff(time) > LONGEST_GAP):
         remarks.append(f"gaps of more than {LONGEST_GAP} s, not bridged: {gaps}")
     if set(QUATERNION_CHANNELS) <= set(names):
@@ -202,6 +209,43 @@ def _complete_rows(
         samples = count_text(count, "sample")
         remarks.append(f"{samples} without a value of {names} left out")
     return complete
+
+
+def _steady_samples(time: Array, positions: Array, remarks: list[str]) -> Mask:
+    """Return a mask (n,) of the samples without positions (n, D), m, that jump away and back.
+
+    Lost tracking gives such positions in up to three samples, also at the ends.
+    """
+    is_steady = np.ones(len(time), dtype=bool)
+    if len(time) < _MOST_JUMPING / _MOST_JUMPS or not positions.shape[1]:
+        return is_steady
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    intervals = np.diff(time)
+    # Some clocks stamp several samples at almost the same time.
+    speeds = steps / np.maximum(intervals, np.median(intervals))
+    fastest = max(_FASTEST, _JUMP * float(np.quantile(speeds, 0.9)))
+    jumps = [0, *(np.flatnonzero(speeds > fastest) + 1).tolist(), len(time)]
+    for a, b in pairwise(jumps[1:-1]):
+        # Of two samples that jump to and fro, the first one is left out.
+        if b - a <= _MOST_JUMPING and is_steady[a - 1]:
+            distance = np.linalg.norm(positions[b] - positions[a - 1])
+            is_steady[a:b] = distance > fastest * (time[b] - time[a - 1])
+    for a, b, beside in (
+        (0, jumps[1], jumps[1]),
+        (jumps[-2], len(time), jumps[-2] - 1),
+    ):
+        if b - a <= _MOST_JUMPING and is_steady[beside]:
+            is_steady[a:b] = False
+    count = int(np.count_nonzero(~is_steady))
+    if count > _MOST_JUMPS * len(time):
+        return np.ones(len(time), dtype=bool)
+    if count:
+        largest = float(np.max(steps[speeds > fastest]))
+        remarks.append(
+            f"{count_text(count, 'sample')} left out whose position jumps, by up to "
+            f"{largest:.2g} m, and comes back"
+        )
+    return is_steady
 
 
 def _to_standard_units(

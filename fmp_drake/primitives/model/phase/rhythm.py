@@ -164,8 +164,8 @@ class Rhythm:
             )
         if "another movement" in kinds:
             out.append(
-                "there are two movements: the shorter one is left out; learn a skill of "
-                "each (from, to)"
+                "there are two movements: one of them is left out; learn a skill of each "
+                "(from, to)"
             )
         if self.fraction_left_out > _LARGE_FRACTION:
             out.append(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.numeric import Array, Indices, Mask, check_number, runs
+from fmp_drake.numeric import Array, Indices, check_number, runs
 from fmp_drake.primitives.data.channels import (
     channel_scales,
     default_channels,
@@ -20,14 +20,22 @@ from fmp_drake.primitives.data.windows import (
     cut_demonstrations,
     demonstration_list,
 )
-from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.attempt import (
+    ALIGNED,
+    CLEAR_MISFIT,
+    LENIENT,
+    SHORTEST_BOUT,
+    STRICT,
+    Attempt,
+    Limits,
+    cut,
+)
 from fmp_drake.primitives.model.phase.loops import join_loops
+from fmp_drake.primitives.model.phase.pauses import without_pauses
 from fmp_drake.primitives.model.phase.period import (
-    SIMILAR,
     local_periods,
     noise_fractions,
     possible_periods,
-    similarity,
 )
 from fmp_drake.primitives.model.phase.rhythm import (
     OTHER,
@@ -40,7 +48,6 @@ from fmp_drake.primitives.model.phase.segmentation import (
     BACKWARDS,
     FORWARDS,
     OUTSIDE,
-    segment,
 )
 from fmp_drake.primitives.model.phase.self_alignment import (
     aligned_period,
@@ -48,45 +55,19 @@ from fmp_drake.primitives.model.phase.self_alignment import (
 )
 from fmp_drake.primitives.model.phase.tracking import (
     PhaseTrack,
-    track_phase,
 )
 
-
-class _Limits(NamedTuple):
-    """Limits of a track: least number of cycles and greatest unexplained variance."""
-
-    cycles: float
-    unexplained: float
-
-
-# Unexplained fraction of the variance below which no other period is tried. One cycle
-# leaves 0.3 to 0.7 % of hand-guided movements unexplained. If one stroke is mistaken
-# for a cycle of three, 3.5 to 7 % are left.
-_CLEAR_MISFIT = 0.015
 # Misfit of a shorter period relative to the best, up to which it is preferred.
 _MISFIT_RATIO = 4.0
-# Limits in the order of use. Few cycles suffice where they were found by alignment, because
-# that is evidence of a repetition.
-_STRICT, _ALIGNED, _LENIENT = _Limits(4.0, 0.05), _Limits(1.25, 0.15), _Limits(3.0, 0.1)
-# Fraction of the variance that slow displacements of the centre may take, and below which no
-# other period is tried.
-_MOST_SHIFTED, _STEADY = 0.5, 0.05
-# Bounds of the mean phase velocity relative to its initial estimate.
-_VELOCITIES = (0.6, 1.6)
 # Greatest relative difference between candidates that count as equal, between a candidate
 # and an attempt that makes it superfluous, and between estimates that confirm each other.
 _SAME, _SIMILAR, _NEAR = 0.05, 0.15, 0.25
-# Shortest bout, samples.
-_SHORTEST_BOUT = 12
-# Shortest bout, in periods, and harmonics of its initial cycle.
-_LEAST_BOUT, _HARMONICS = 0.5, 6
+# Without pauses, another period is preferred up to this misfit relative to that with them, and
+# the same one where there are more cycles. Lifts stay where their cutting makes the misfit
+# greater than this, relative to that without pauses alone. Smaller misfits do not differ.
+_WITHOUT_PAUSES, _MORE_CYCLES, _WITHOUT_LIFTS, _EXACT = 2.0, 0.5, 1.5, 1e-3
 # Least duration of another movement, in periods.
 _LEAST_OTHER = 1.5
-# Misfit of a sample that is left out.
-_LEFT_OUT_MISFIT = 0.13
-# Least number of omitted parts, in total and per cycle, that shows that a part of each cycle
-# is left out.
-_LEAST_GAPS, _GAPS_PER_CYCLE = 3, 0.8
 # Noise of a channel that the phase ignores: least fraction of its own variance, and of the
 # variance of all channels.
 _NOISE, _POWER = 0.5, 0.02
@@ -115,29 +96,6 @@ class TrackedRhythm(NamedTuple):
     track: PhaseTrack
     recordings: Sequence[Array]
     misfit: float
-
-
-class _Attempt(NamedTuple):
-    """Attempt with one period: labels (n,) of the samples, and the track of the bouts."""
-
-    labels: list[Indices]
-    track: PhaseTrack
-    period: float
-
-    @property
-    def bouts(self) -> list[Mask]:
-        """Masks (n,) of the samples in bouts."""
-        return [label == FORWARDS for label in self.labels]
-
-    @property
-    def gaps(self) -> int:
-        """Number of parts that are left out between bouts."""
-        return sum(max(0, len(runs(mask)) - 1) for mask in self.bouts)
-
-    @property
-    def samples(self) -> int:
-        """Number of samples in bouts."""
-        return sum(map(np.count_nonzero, self.bouts))
 
 
 def find_rhythm(
@@ -270,19 +228,46 @@ def _column_choices(
 def _search_or_join(
     recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
 ) -> tuple[TrackedRhythm, Iterable[Part]]:
-    """Find the rhythm of separate or joined recordings; return it and its parts."""
-    loops = None
+    """Find the rhythm of separate or joined recordings; return it and its parts.
+
+    Few cycles are searched without pauses, too.
+    """
+    best: tuple[TrackedRhythm, Iterable[Part]] | None = None
+    refusal: DemonstrationError | None = None
     try:
         tracked = _search(recordings, columns, rate, period)
+        best = tracked, _parts(tracked)
     except DemonstrationError as error:
-        if (loops := join_loops(recordings, columns)) is None:
-            raise
-        try:
+        refusal = error
+    if best is None or best[0].misfit:
+        other: tuple[TrackedRhythm, Iterable[Part]] | None = None
+        for continued in without_pauses(recordings, columns, rate):
+            with contextlib.suppress(DemonstrationError):
+                tracked = _search(continued.values, columns, rate, period)
+                exact = max(tracked.misfit, _EXACT)
+                if other is None or _WITHOUT_LIFTS * exact < other[0].misfit:
+                    other = tracked, continued.parts(_parts(tracked), rate)
+        if other and (best is None or _is_better(other[0], best[0])):
+            best = other
+    if best is None and (loops := join_loops(recordings, columns)):
+        with contextlib.suppress(DemonstrationError):
             tracked = _search([loops.values], columns, rate, period)
-        except DemonstrationError:
-            raise error from None
-    parts = (*tracked.rhythm.bouts, *tracked.rhythm.left_out)
-    return tracked, loops.parts(parts, rate) if loops else parts
+            best = tracked, loops.parts(_parts(tracked), rate)
+    if best is None:
+        raise refusal or DemonstrationError("nothing repeats.")
+    return best
+
+
+def _is_better(other: TrackedRhythm, tracked: TrackedRhythm) -> bool:
+    """Return whether a rhythm without pauses is better than the one with them."""
+    one, two = tracked.rhythm, other.rhythm
+    if abs(two.period / one.period - 1) < _SIMILAR:
+        return two.cycles > one.cycles + _MORE_CYCLES
+    return other.misfit < _WITHOUT_PAUSES * max(tracked.misfit, _EXACT)
+
+
+def _parts(tracked: TrackedRhythm) -> list[Part]:
+    return [*tracked.rhythm.bouts, *tracked.rhythm.left_out]
 
 
 def _search(
@@ -296,41 +281,39 @@ def _search(
     labels, other = _with_other_movement(recordings, best, rate)
     if period is None and other and other.samples > best.samples:
         # The longer movement is the one that is learned.
-        longer = _attempt(recordings, other.track.period)
-        if longer and longer.samples > best.samples and not _objection(longer, limits):
+        longer = Attempt.of(recordings, other.track.period)
+        if longer and longer.samples > best.samples and not longer.objection(limits):
             best = longer
             labels, _ = _with_other_movement(recordings, best, rate)
-    best = _add_similar_cycles(recordings, best, labels)
+    best = best.with_similar_cycles(recordings, labels)
     starts = [a for mask in best.bouts for a, _ in runs(mask)]
     rhythm = rhythm_of_labels(recordings, labels, best.track, starts, rate)
     track = best.track
     if len(columns) < all_channels[0].shape[1]:
-        track = track.with_channels(_cut(all_channels, best.bouts))
-    misfit = 0.0 if limits is _STRICT else _misfit(best) / best.track.cycles
+        track = track.with_channels(cut(all_channels, best.bouts))
+    misfit = 0.0 if limits is STRICT else best.misfit / best.track.cycles
     return TrackedRhythm(rhythm, track, all_channels, misfit)
 
 
 def _best_attempt(
     recordings: Sequence[Array], candidates: Iterable[float], *, is_known: bool
-) -> tuple[_Attempt, _Limits]:
+) -> tuple[Attempt, Limits]:
     """Return the attempt that explains the recordings best, and the limits it satisfies."""
     attempts = _attempts(recordings, candidates, is_known=is_known)
-    limits = _STRICT
-    acceptable = [a for a in attempts if not _objection(a, limits)]
-    best = min(acceptable, key=_cost, default=None)
-    if not is_known and not (best and _is_clear(best)):
+    limits = STRICT
+    acceptable = [a for a in attempts if not a.objection(limits)]
+    best = min(acceptable, key=Attempt.cost, default=None)
+    if not is_known and not (best and best.is_clear):
         few = _attempt_of_few_cycles(recordings)
         # One stroke of a few cycles repeats more often, but less exactly than they do.
-        if few and (
-            best is None or _MISFIT_RATIO * _cost(few, best) < _cost(best, few)
-        ):
-            acceptable, limits = [few], _ALIGNED
+        if few and (best is None or _MISFIT_RATIO * few.cost(best) < best.cost(few)):
+            acceptable, limits = [few], ALIGNED
     if not acceptable:
-        limits = _ALIGNED if is_known else _LENIENT
-        acceptable = [a for a in attempts if not _objection(a, limits)]
+        limits = ALIGNED if is_known else LENIENT
+        acceptable = [a for a in attempts if not a.objection(limits)]
     if not acceptable:
         refusals = [
-            _objection(a, limits) for a in attempts if a.track.cycles >= limits.cycles
+            a.objection(limits) for a in attempts if a.track.cycles >= limits.cycles
         ]
         raise DemonstrationError(
             refusals[0]
@@ -338,74 +321,52 @@ def _best_attempt(
             else "no part of it comes again in another cycle; record at least two "
             "full cycles."
         )
-    best = min(acceptable, key=_cost)
-    if limits is _LENIENT:
+    best = min(acceptable, key=Attempt.cost)
+    if limits is LENIENT:
         # With few cycles, choose the shortest period among those of similar misfit.
-        most = max(_CLEAR_MISFIT, _MISFIT_RATIO * _misfit(best))
-        comparable = [a for a in acceptable if _misfit(a) <= most]
+        most = max(CLEAR_MISFIT, _MISFIT_RATIO * best.misfit)
+        comparable = [a for a in acceptable if a.misfit <= most]
         best = max(comparable, key=lambda attempt: attempt.track.cycles)
-    while not is_known and (n := best.track.cycle.repetitions(_CLEAR_MISFIT)) > 1:
-        attempt = _attempt(recordings, best.track.period / n)
+    while not is_known and (n := best.track.cycle.repetitions(CLEAR_MISFIT)) > 1:
+        attempt = Attempt.of(recordings, best.track.period / n)
         if (
             attempt is None
-            or _objection(attempt, limits)
-            or attempt.track.unexplained > _CLEAR_MISFIT
+            or attempt.objection(limits)
+            or attempt.track.unexplained > CLEAR_MISFIT
         ):
             break
         best = attempt
     return best, limits
 
 
-def _attempt_of_few_cycles(recordings: Sequence[Array]) -> _Attempt | None:
+def _attempt_of_few_cycles(recordings: Sequence[Array]) -> Attempt | None:
     """Return the attempt with the period of the best alignment, unless it is refused."""
     period = aligned_period(recordings)
-    attempt = _attempt(recordings, period) if period else None
-    return attempt if attempt and not _objection(attempt, _ALIGNED) else None
+    attempt = Attempt.of(recordings, period) if period else None
+    return attempt if attempt and not attempt.objection(ALIGNED) else None
 
 
 def _attempts(
     recordings: Sequence[Array], candidates: Iterable[float], *, is_known: bool
-) -> list[_Attempt]:
+) -> list[Attempt]:
     """Attempt candidates of the period until one explains the recordings clearly."""
-    attempts: list[_Attempt] = []
+    attempts: list[Attempt] = []
     for candidate in candidates:
         # An attempt finds the same cycle from similar periods.
         if any(abs(candidate / a.track.period - 1) < _SIMILAR for a in attempts):
             continue
-        attempt = _attempt(recordings, candidate, is_known=is_known)
+        attempt = Attempt.of(recordings, candidate, is_known=is_known)
         if attempt is None:
             continue
         attempts.append(attempt)
-        if _is_clear(attempt) and not _objection(attempt, _STRICT):
+        if attempt.is_clear and not attempt.objection(STRICT):
             break
     return attempts
 
 
-def _is_clear(attempt: _Attempt) -> bool:
-    """Return whether one cycle explains most samples exactly."""
-    # A stroke of a longer cycle has a centre that moves, or is not like all strokes.
-    track = attempt.track
-    is_whole = track.shifted <= _STEADY and attempt.gaps < track.cycles / 2
-    is_most = 2 * attempt.samples > sum(map(len, attempt.labels))
-    return is_most and is_whole and _misfit(attempt) <= _CLEAR_MISFIT
-
-
-def _cost(attempt: _Attempt, rival: _Attempt | None = None) -> float:
-    """Return the mean misfit of samples inside and outside the bouts of an attempt.
-
-    The mean is over all samples or, with a rival, over those in bouts of either.
-    """
-    count = sum(map(len, attempt.labels))
-    if rival is not None:
-        both = zip(attempt.bouts, rival.bouts, strict=True)
-        count = sum(int(np.count_nonzero(one | other)) for one, other in both)
-    fraction = attempt.samples / count
-    return fraction * _misfit(attempt) + (1 - fraction) * _LEFT_OUT_MISFIT
-
-
 def _with_other_movement(
-    recordings: Sequence[Array], attempt: _Attempt, rate: float
-) -> tuple[list[Indices], _Attempt | None]:
+    recordings: Sequence[Array], attempt: Attempt, rate: float
+) -> tuple[list[Indices], Attempt | None]:
     """Return labels (n,) that mark another movement, and the attempt at that movement.
 
     It is the rhythm of the parts that are left out, if they have one.
@@ -426,7 +387,7 @@ def _with_other_movement(
             for (_, label), found in zip(parts, other.labels, strict=True):
                 label[found != OUTSIDE] = OTHER
     # Transitions between two movements, or directions, are short.
-    shortest = max(_SHORTEST_BOUT, round(attempt.period))
+    shortest = max(SHORTEST_BOUT, round(attempt.period))
     for label in labels:
         for a, b in runs(label == OUTSIDE):
             if a == 0 or b == len(label) or b - a >= shortest:
@@ -441,16 +402,6 @@ def _with_other_movement(
     return labels, other
 
 
-def _misfit(attempt: _Attempt) -> float:
-    """Return the fraction of unexplained variance, with a penalty for large shifts.
-
-    The mean of n cycles explains 1 / n of any variance, which is corrected for.
-    """
-    track = attempt.track
-    explainable = 1 - 1 / max(track.cycles, _ALIGNED.cycles)
-    return (track.unexplained + track.shifted**2 / 4) / explainable
-
-
 def _candidates(
     recordings: Sequence[Array], rate: float, period: float | None
 ) -> Iterator[float]:
@@ -462,7 +413,7 @@ def _candidates(
     bouts = list(recordings)
     if local:
         masks = aligned_samples(recordings, local[0])
-        bouts = _cut(recordings, masks) or bouts
+        bouts = cut(recordings, masks) or bouts
     try:
         estimates = possible_periods(bouts)
     except DemonstrationError:
@@ -471,111 +422,10 @@ def _candidates(
     samples = sum(map(len, recordings))
     previous: list[float] = []
     for candidate in (*confirmed, *local, *estimates):
-        if samples < _ALIGNED.cycles * candidate:
+        if samples < ALIGNED.cycles * candidate:
             continue
         if all(abs(candidate / other - 1) > _SAME for other in previous) and not (
             confirmed and candidate in local[:1]
         ):
             previous.append(candidate)
             yield candidate
-
-
-def _cut(recordings: Sequence[Array], masks: Sequence[Mask]) -> list[Array]:
-    """Return the segments of recordings where masks are true."""
-    return [
-        y[a:b] for y, mask in zip(recordings, masks, strict=True) for a, b in runs(mask)
-    ]
-
-
-def _attempt(
-    recordings: Sequence[Array], period: float, *, is_known: bool = False
-) -> _Attempt | None:
-    """Segment recordings and track the phase of the bouts; None where there are none.
-
-    Where the period is known but no cycle is found, all samples that repeat are bouts, or
-    all samples if none repeats.
-    """
-    aligned = aligned_samples(recordings, period)
-    segmentation = segment(recordings, aligned, period)
-    bouts, cycle = list[Array](), None
-    if segmentation is not None:
-        labels = segmentation.labels
-        shortest = max(_SHORTEST_BOUT, _LEAST_BOUT * period)
-        for label in labels:
-            for a, b in runs(label == FORWARDS):
-                if b - a < shortest:
-                    label[a:b] = OUTSIDE
-        masks = [label == FORWARDS for label in labels]
-        phases, bouts = _cut(segmentation.phases, masks), _cut(recordings, masks)
-        if 0 < sum(map(len, bouts)) < sum(map(len, recordings)):
-            # Without other parts, the phase begins where one of the cycles does.
-            harmonics = max(1, min(_HARMONICS, int(period / 2 - 2)))
-            cycle = Cycle.fit(phases, bouts, harmonics=harmonics)
-    if max(map(len, bouts), default=0) < period + 1:
-        if not is_known:
-            return None
-        labels = [np.where(mask, FORWARDS, OUTSIDE) for mask in aligned]
-        bouts, cycle = _cut(recordings, aligned), None
-        if max(map(len, bouts), default=0) < period + 1:
-            return None
-    track = track_phase(bouts, period=period, cycle=cycle)
-    return _Attempt(labels, track, period)
-
-
-def _add_similar_cycles(
-    recordings: Sequence[Array], attempt: _Attempt, labels: Sequence[Indices]
-) -> _Attempt:
-    """Add to each bout the cycles before and after it that are similar to its first and last.
-
-    They may be wider, for example, at the beginning of a recording. The labels are changed
-    where they are `OUTSIDE`.
-    """
-    size = round(attempt.track.period)
-    is_changed = False
-    for y, known, label in zip(recordings, attempt.labels, labels, strict=True):
-        similar = similarity(y, size, size) > SIMILAR
-        for a, b in runs(known == FORWARDS):
-            start, end = a, b
-            if b - a >= size:
-                while start >= size and similar[start - size]:
-                    start -= size
-                while end + size <= len(y) and similar[end - size]:
-                    end += size
-            for part in (slice(start, a), slice(b, end)):
-                if len(label[part]) and np.all(label[part] == OUTSIDE):
-                    known[part] = label[part] = FORWARDS
-                    is_changed = True
-    if not is_changed:
-        return attempt
-    track = track_phase(
-        _cut(recordings, [known == FORWARDS for known in attempt.labels]),
-        period=attempt.track.period,
-        cycle=attempt.track.cycle,
-    )
-    return attempt._replace(track=track)
-
-
-def _objection(attempt: _Attempt, limits: _Limits) -> str:
-    """Return the reason why a phase model cannot be learned; "" where it can."""
-    track = attempt.track
-    if track.cycles < limits.cycles:
-        return f"it has {track.cycles:.1f} cycles; the phase model needs {limits.cycles:g}."
-    if track.unexplained > limits.unexplained:
-        return (
-            f"one cycle leaves {100 * track.unexplained:.0f} % of its variance "
-            f"unexplained; the phase model needs at most {100 * limits.unexplained:.0f} %."
-        )
-    if track.shifted > _MOST_SHIFTED:
-        return (
-            f"the centre of its cycles wanders, which makes {100 * track.shifted:.0f} % of its "
-            f"variance; the phase model needs at most {100 * _MOST_SHIFTED:.0f} %."
-        )
-    if attempt.gaps >= max(_LEAST_GAPS, _GAPS_PER_CYCLE * track.cycles):
-        return "a part of each cycle is left out, so this is not the period."
-    period = track.period
-    if not _VELOCITIES[0] < attempt.period / period < _VELOCITIES[1]:
-        return (
-            f"it seems to repeat after {attempt.period:.0f} samples, but its cycles last "
-            f"{period:.0f}."
-        )
-    return ""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fmp_drake.compiled import compiled
-from fmp_drake.numeric import Array, Indices, Mask, runs
+from fmp_drake.numeric import Array, Indices, Mask
 from fmp_drake.primitives.model.phase.period import window_sums
 
 # Squared distance, relative to the variance of the states in one lag, up to which states are
@@ -27,11 +27,6 @@ _SAME_PERIOD = 1.25
 # twice as long a recording, in which chance similarity is likelier, and for a known period.
 # With them 1 in 80 smooth random paths has a rhythm.
 _LEAST_SCORE, _SCORE_PER_DOUBLING, _LEAST_OF_KNOWN = 0.12, 0.06, 0.1
-# Length of a standstill, samples, its speed relative to the root mean square, and samples over
-# which the speed is averaged.
-_STANDSTILL, _STANDSTILL_SPEED, _SMOOTHED = 20, 0.1, 5
-# Distance of two standstills at the same place, relative to the recording's deviation.
-_SAME_PLACE = 0.3
 
 
 class Alignment(NamedTuple):
@@ -56,26 +51,8 @@ class Alignment(NamedTuple):
 def aligned_period(recordings: Sequence[Array]) -> float | None:
     """Return the period, in samples, of the best alignment of recordings (n, D).
 
-    About a fifth of a cycle must recur, more in long recordings; None if less does. A
-    single pause that does not recur is not part of a cycle, so the parts before and after
-    it are aligned instead. Several pauses are taken for parts of the cycles, unless there
-    would be fewer than two cycles.
+    About a fifth of a cycle must recur, more in long recordings; None if less does.
     """
-    parts, places = _moving_parts(recordings)
-    pauses = len(parts) - len(recordings)
-    if pauses == 1 and len(places) == 1:
-        # Both sides of the pause may be shorter than a cycle.
-        joined = [np.concatenate(parts)] if len(recordings) == 1 else []
-        if period := _period_of_best(parts) or _period_of_best(joined):
-            return period
-    period = _period_of_best(recordings)
-    if pauses > 1 and (period is None or sum(map(len, recordings)) < 2 * period):
-        period = _period_of_best(parts) or period
-    return period
-
-
-def _period_of_best(recordings: Sequence[Array]) -> float | None:
-    """Return the period, in samples, of the best alignment of a recording, if any."""
     alignments = [
         alignment
         for y in recordings
@@ -89,33 +66,6 @@ def _period_of_best(recordings: Sequence[Array]) -> float | None:
     doublings = np.log2(sum(map(len, recordings)) / best.period)
     least = (_LEAST_SCORE + _SCORE_PER_DOUBLING * doublings) * best.period
     return best.period if best.score > least else None
-
-
-def _moving_parts(
-    recordings: Sequence[Array],
-) -> tuple[list[Array], list[Array]]:
-    """Return the parts of recordings (n, D) between standstills of 20 samples or more.
-
-    Also return the mean positions (D,) of the standstills within a recording, and of those
-    at its ends that are at the same place as one of them.
-    """
-    window = np.ones(_SMOOTHED) / _SMOOTHED
-    parts, places, inner = list[Array](), list[Array](), list[Array]()
-    for y in recordings:
-        speed = np.linalg.norm(np.gradient(y, axis=0), axis=1)
-        speed = np.convolve(speed, window, "same")
-        least = _STANDSTILL_SPEED * np.sqrt(np.mean(speed**2))
-        is_moving = np.ones(len(y), dtype=bool)
-        for a, b in runs(speed < least):
-            if b - a >= _STANDSTILL:
-                is_moving[a:b] = False
-                places.append(y[a:b].mean(axis=0))
-                inner += places[-1:] if 0 < a and b < len(y) else []
-        parts += [y[a:b] for a, b in runs(is_moving) if b - a > _SMOOTHED]
-    near = _SAME_PLACE * np.sqrt(np.sum(np.var(np.concatenate(recordings), axis=0)))
-    return parts, [
-        p for p in places if any(np.linalg.norm(p - other) <= near for other in inner)
-    ]
 
 
 def aligned_samples(recordings: Sequence[Array], period: float) -> list[Mask]:
