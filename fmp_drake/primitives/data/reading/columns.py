@@ -217,7 +217,9 @@ def _steady_samples(time: Array, positions: Array, remarks: list[str]) -> Mask:
     Lost tracking gives such positions in up to three samples, also at the ends.
     """
     is_steady = np.ones(len(time), dtype=bool)
-    if len(time) < _MOST_JUMPING / _MOST_JUMPS or not positions.shape[1]:
+    is_short = len(time) < _MOST_JUMPING / _MOST_JUMPS
+    # Infinite numbers are refused later.
+    if is_short or not positions.shape[1] or not np.isfinite(positions).all():
         return is_steady
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     intervals = np.diff(time)
