@@ -371,7 +371,16 @@ def test_positions_that_jump_away_and_back_are_left_out(rows, jump, tmp_path):
     assert_allclose(found.time, files.TIME[kept], atol=1e-12)
     assert_allclose(found.values, files.PATH[kept], atol=1e-9)
     assert f"{len(rows)} sample" in remark
-    assert f"jumps, by up to {abs(jump):.1f}" in remark
+    (largest,) = re.findall(r"jumps, by up to (\S+) m", remark)
+    assert float(largest) == pytest.approx(abs(jump), abs=0.02)
+
+
+def test_one_sample_far_away_does_not_question_the_unit(tmp_path):
+    path = files.PATH.copy()
+    path[100] += 100.0
+    text = files.lines(files.TIME, *path.T, header="time,x,y,z")
+    _, (remark,) = read_demonstrations([files.write(tmp_path, text).path])
+    assert "jumps, by up to 173 m" in remark
 
 
 @pytest.mark.parametrize("change", ["step", "long", "noise", "often"])
@@ -514,6 +523,17 @@ def test_angles_that_jump_by_a_revolution_are_continued(tmp_path):
     turns = (found.values[:, 0] - np.deg2rad(roll)) / (2 * np.pi)
     assert_allclose(turns, round(turns[0]), atol=1e-9)
     assert "roll continued where they jump by a revolution" in remarks[0]
+
+
+@pytest.mark.parametrize(("step", "is_continued"), [(4.8, True), (4.6, False)])
+def test_an_angle_continues_from_three_quarters_of_a_revolution(
+    step, is_continued, tmp_path
+):
+    roll = np.where(files.TIME < 4, 0.1, 0.1 - step)
+    text = files.lines(files.TIME, roll, header="time,roll [rad]")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    turns = (found.values[-1, 0] - roll[-1]) / (2 * np.pi)
+    assert turns == pytest.approx(1.0 if is_continued else 0.0)
 
 
 def test_the_rate_that_is_advised_for_whole_seconds_is_the_rate(tmp_path):

@@ -1,5 +1,7 @@
 """Facts about what is rhythm in a recording, and what is left out."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
@@ -382,12 +384,19 @@ def test_few_cycles_with_pauses_and_lifts_are_found(cycles, places, height, leas
     assert np.mean(is_right) >= least
 
 
+def eight(cycles=2.2):
+    """Return an 8 (n, 3), 0.2 m wide, with cycles of 5 s."""
+    phase = 2 * np.pi * np.linspace(0, cycles, round(100 * cycles) + 1)
+    path = [np.sin(phase), 0.6 * np.sin(2 * phase + 0.5), 0 * phase]
+    return 0.1 * np.column_stack(path)
+
+
 @pytest.mark.parametrize(("height", "kind"), [(0.0, "pause"), (0.1, "lift")])
-def test_bouts_beside_a_pause_in_few_cycles(height, kind):
-    phase = 2 * np.pi * np.linspace(0, 2.2, 221)
-    path = np.column_stack([np.sin(phase), 0.6 * np.sin(2 * phase + 0.5), 0 * phase])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_bouts_beside_a_pause_in_few_cycles(height, kind, noise):
     rng = np.random.default_rng(1)
-    values = with_pause(rng, 0.1 * path, 130, 2.0, height=height)
+    values = with_pause(rng, eight(), 130, 2.0, height=height)
+    values += noise * rng.standard_normal(values.shape)
     found = find_rhythm(demonstration(values))
     duration = 2.0 + (1.4 if height else 0.0)
     (pause,) = found.left_out
@@ -401,6 +410,58 @@ def test_bouts_beside_a_pause_in_few_cycles(height, kind):
     ends = [end for bout in found.bouts for end in bout.cycle_ends]
     # Stopping and starting take 0.3 s each.
     assert ends == pytest.approx([5.0, 10.6 + duration], abs=0.2)
+
+
+def test_lift_with_two_pauses_is_one_part():
+    path, steady = eight(), np.zeros((20, 1))
+    top, other = path[130] + [0.0, 0.0, 0.12], path[130] + [0.03, 0.0, 0.12]
+    up, down = eased(path[130], top, 14), eased(other, path[130], 14)
+    way = eased(top, other, 12)
+    pieces = [path[:130], up, top + steady, way, other + steady, down, path[130:]]
+    found = find_rhythm(demonstration(np.concatenate(pieces)))
+    assert [part.kind for part in found.left_out] == ["lift"]
+    assert found.left_out[0].duration == pytest.approx(4.0, abs=0.4)
+    assert found.period == pytest.approx(5.0, rel=0.06)
+
+
+def test_pauses_at_the_same_place_of_two_recordings_are_left_out():
+    rng = np.random.default_rng(1)
+    recordings = [demonstration(with_pause(rng, eight(), at, 2.0)) for at in (130, 132)]
+    found = find_rhythm(recordings)
+    assert found.period == pytest.approx(5.0, rel=0.06)
+    assert [part.recording for part in found.left_out] == [0, 1]
+
+
+def test_parts_beside_pauses_cover_the_recordings():
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        recordings = []
+        for number in range(2):
+            values = few_cycles(10 * seed + number, rng.uniform(1.6, 3)).values
+            for _ in range(2):
+                at = round(rng.uniform(0.3, 0.7) * len(values))
+                height = 0.1 * rng.integers(2)
+                values = with_pause(rng, values, at, 1.5, height=height)
+            recordings.append(values)
+        try:
+            found = find_rhythm(list(map(demonstration, recordings)))
+        except DemonstrationError:
+            continue
+        for number, values in enumerate(recordings):
+            parts = [
+                p for p in (*found.bouts, *found.left_out) if p.recording == number
+            ]
+            parts.sort(key=lambda part: part.start)
+            assert parts[0].start == 0.0
+            assert parts[-1].end == pytest.approx(len(values) / RATE)
+            for part, following in pairwise(parts):
+                assert part.end == following.start
+            kinds = [part.kind for part in parts]
+            assert "approach" not in kinds[1:] or kinds[0] in {
+                "approach",
+                "pause",
+                "lift",
+            }
 
 
 @pytest.mark.parametrize(("strokes", "cycles"), [(1, 2), (1, 3), (1, 5), (2, 2)])

@@ -90,7 +90,7 @@ _LARGEST_ANGLE = 4 * np.pi
 _JUMP = 1.5 * np.pi
 # Positions that jump: least speed, m/s, and relative to nine tenths of the others; the most
 # samples in a row, and the greatest fraction of all samples.
-_FASTEST, _JUMP, _MOST_JUMPING, _MOST_JUMPS = 3.0, 5.0, 3, 0.05
+_FASTEST, _FASTER, _MOST_JUMPING, _MOST_JUMPS = 5.0, 5.0, 3, 0.05
 # Width of a path above which its unit is questioned, m.
 _WIDEST = 5.0
 
@@ -225,7 +225,7 @@ def _steady_samples(time: Array, positions: Array, remarks: list[str]) -> Mask:
     intervals = np.diff(time)
     # Some clocks stamp several samples at almost the same time.
     speeds = steps / np.maximum(intervals, np.median(intervals))
-    fastest = max(_FASTEST, _JUMP * float(np.quantile(speeds, 0.9)))
+    fastest = max(_FASTEST, _FASTER * float(np.quantile(speeds, 0.9)))
     jumps = [0, *(np.flatnonzero(speeds > fastest) + 1).tolist(), len(time)]
     for a, b in pairwise(jumps[1:-1]):
         # Of two samples that jump to and fro, the first one is left out.
@@ -245,7 +245,7 @@ def _steady_samples(time: Array, positions: Array, remarks: list[str]) -> Mask:
         largest = float(np.max(steps[speeds > fastest]))
         remarks.append(
             f"{count_text(count, 'sample')} left out whose position jumps, by up to "
-            f"{largest:.2g} m, and comes back"
+            f"{largest:.3g} m"
         )
     return is_steady
 
@@ -283,7 +283,9 @@ def _to_standard_units(
     metres = [i for i, name in enumerate(channels) if name in POSITION_CHANNELS]
     stated_units = [unit or options.unit for unit in header_units]
     metres = [i for i in metres if sources[i] == "m" and not stated_units[i]]
-    if (width := float(np.ptp(values[:, metres], axis=0).max(initial=0))) > _WIDEST:
+    # Single samples may be far away.
+    ends = np.quantile(values[:, metres], (0.01, 0.99), axis=0)
+    if (width := float(np.ptp(ends, axis=0).max(initial=0))) > _WIDEST:
         remarks.append(
             f"the path is {width:.0f} m wide, if the file is in metres; give another unit, "
             "such as --unit mm"

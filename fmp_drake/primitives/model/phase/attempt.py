@@ -85,7 +85,10 @@ class Attempt(NamedTuple):
                     if b - a < shortest:
                         label[a:b] = OUTSIDE
             masks = [label == FORWARDS for label in labels]
-            phases, bouts = cut(segmentation.phases, masks), cut(recordings, masks)
+            phases, bouts = (
+                segments(segmentation.phases, masks),
+                segments(recordings, masks),
+            )
             if 0 < sum(map(len, bouts)) < sum(map(len, recordings)):
                 # Without other parts, the phase begins where one of the cycles does.
                 harmonics = max(1, min(_HARMONICS, int(period / 2 - 2)))
@@ -94,7 +97,7 @@ class Attempt(NamedTuple):
             if not is_known:
                 return None
             labels = [np.where(mask, FORWARDS, OUTSIDE) for mask in aligned]
-            bouts, cycle = cut(recordings, aligned), None
+            bouts, cycle = segments(recordings, aligned), None
             if max(map(len, bouts), default=0) < period + 1:
                 return None
         track = track_phase(bouts, period=period, cycle=cycle)
@@ -126,7 +129,7 @@ class Attempt(NamedTuple):
         if not is_changed:
             return self
         track = track_phase(
-            cut(recordings, [known == FORWARDS for known in self.labels]),
+            segments(recordings, [known == FORWARDS for known in self.labels]),
             period=self.track.period,
             cycle=self.track.cycle,
         )
@@ -189,7 +192,7 @@ class Attempt(NamedTuple):
         return fraction * self.misfit + (1 - fraction) * _LEFT_OUT_MISFIT
 
 
-def cut(recordings: Sequence[Array], masks: Sequence[Mask]) -> list[Array]:
+def segments(recordings: Sequence[Array], masks: Sequence[Mask]) -> list[Array]:
     """Return the segments of recordings where masks are true."""
     return [
         y[a:b] for y, mask in zip(recordings, masks, strict=True) for a, b in runs(mask)

@@ -2,18 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial import KDTree
 
-from fmp_drake.numeric import Array, Indices, Mask, runs
+from fmp_drake.numeric import Array, Indices, runs
 from fmp_drake.primitives.model.phase.rhythm import Part
 
 # Least length of a pause, samples, its speed relative to the root mean square, and samples
-# over which the speed is averaged.
-_LEAST, _SPEED, _SMOOTHED = 10, 0.1, 5
+# over which the velocity is averaged.
+_LEAST, _SPEED, _SMOOTHED = 8, 0.1, 7
 # Distances relative to the size of the movement: of pauses at the same place, and of a lift
 # from the movement.
 _SAME_PLACE, _LIFTED = 0.3, 0.2
@@ -22,19 +23,17 @@ _SAME_PLACE, _LIFTED = 0.3, 0.2
 _BESIDE, _WAYS, _SLOW = 8, (30, 60), 12
 # Least step beside a pause, relative to the median.
 _STEP = 0.7
+# Labels of samples.
+_KEPT, _SLOW_SAMPLE, _PAUSE, _LIFT = range(4)
 
 
 class _Rest(NamedTuple):
-    """Interval, in samples, in which the path (n, D) of a recording rests, or is lifted.
+    """Interval, in samples, in which a path (n, D) rests, or is lifted."""
 
-    `number` is the index of the recording, `kind` that of `Part`.
-    """
-
-    number: int
     path: Array
     start: int
     end: int
-    kind: str = "pause"
+    is_lift: bool = False
 
     @property
     def is_inner(self) -> bool:
@@ -43,11 +42,11 @@ class _Rest(NamedTuple):
 
     def is_like(self, other: "_Rest", near: float) -> bool:
         """Return whether place, arrival and departure are near those of another one."""
-        pairs = [[y[a:b].mean(axis=0) for _, y, a, b, _ in (self, other)]]
+        pairs = [[y[a:b].mean(axis=0) for y, a, b, _ in (self, other)]]
         if self.start and other.start:
-            pairs.append([y[max(a - _BESIDE, 0)] for _, y, a, _, _ in (self, other)])
+            pairs.append([y[max(a - _BESIDE, 0)] for y, a, _, _ in (self, other)])
         if self.end < len(self.path) and other.end < len(other.path):
-            pairs.append([y[: b + _BESIDE][-1] for _, y, _, b, _ in (self, other)])
+            pairs.append([y[: b + _BESIDE][-1] for y, _, b, _ in (self, other)])
         return all(np.linalg.norm(one - two) < near for one, two in pairs)
 
     def lift(self, size: float) -> "_Rest":
@@ -56,7 +55,7 @@ class _Rest(NamedTuple):
         Up and down lead the same way, to a place away from all other samples. `size` is that
         of the movement.
         """
-        _, path, start, end, _ = self
+        path, start, end, _ = self
         for way in _WAYS:
             first, stop = max(start - way, 0), min(end + way, len(path))
             others = np.concatenate([path[:first], path[stop:]])
@@ -66,13 +65,8 @@ class _Rest(NamedTuple):
             height = float(distances[start - first : end - first].min())
             if height < _LIFTED * size:
                 break
-            before, after = (
-                offset + np.flatnonzero(d < height / 2)
-                for offset, d in (
-                    (first, distances[: start - first]),
-                    (end, distances[end - first :]),
-                )
-            )
+            near = first + np.flatnonzero(distances < height / 2)
+            before, after = near[near < start], near[near >= end]
             # Samples at the ends of both ways are near those beside them.
             if not (np.any(before > first + _SLOW) and np.any(after < stop - _SLOW)):
                 continue
@@ -80,24 +74,25 @@ class _Rest(NamedTuple):
             gaps, _ = KDTree(path[a:start]).query(path[end : b + 1])
             if gaps.max() < height / 2:
                 # The movement stops where the lift begins and ends.
-                speed = _speed(path)
+                speed = np.linalg.norm(np.gradient(path, axis=0), axis=1)
                 slow = max(a - _SLOW, 0)
                 a = slow + int(np.argmin(speed[slow : a + 1]))
                 b += int(np.argmin(speed[b : b + _SLOW]))
-                return self._replace(start=a, end=b, kind="lift")
+                return self._replace(start=a, end=b, is_lift=True)
         return self
 
-    def cut(self, is_kept: Mask) -> None:
-        """Clear it in a mask (n,), and as many samples beside it as make the path slow."""
-        least = _STEP * float(
-            np.median(np.linalg.norm(np.diff(self.path, axis=0), axis=1))
-        )
-        is_kept[self.start : self.end] = False
+    def mark(self, labels: Indices) -> None:
+        """Mark it in labels (n,), and as many samples beside it as make the path slow."""
+        steps = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
+        least = _STEP * float(np.median(steps))
+        labels[self.start : self.end] = _LIFT if self.is_lift else _PAUSE
         last = max(self.start - _SLOW, 0)
         for i in range(last + 1, min(self.end + _SLOW, len(self.path))):
-            if is_kept[i]:
-                is_kept[i] = np.linalg.norm(self.path[i] - self.path[last]) >= least
-                last = i if is_kept[i] else last
+            if labels[i] == _KEPT:
+                if np.linalg.norm(self.path[i] - self.path[last]) < least:
+                    labels[i] = _SLOW_SAMPLE
+                else:
+                    last = i
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,79 +103,73 @@ class Continued:
     ----------
     values : list of ndarray, shape (m, D)
         Samples that are kept.
-    kept : list of ndarray, shape (m,)
-        Their indices in the recordings.
-    pauses : list of Part
-        Pauses, and lifts with a pause at their top, that are cut out.
+    labels : list of ndarray, shape (n,)
+        Of all samples of the recordings: kept, left out beside a pause, or in a pause or lift.
     """
 
     values: list[Array]
-    kept: list[Indices]
-    pauses: list[Part]
+    labels: list[Indices]
 
     def parts(self, parts: Sequence[Part], rate: float) -> list[Part]:
         """Convert parts of `values` to parts of the recordings, and add the pauses."""
-        out = list(self.pauses)
-        for part in parts:
-            kept = self.kept[part.recording]
-            first, last = round(part.start * rate), round(part.end * rate) - 1
-            is_inside = np.zeros(int(kept[last]) + 1, dtype=bool)
-            is_inside[kept[first] :] = True
-            for pause in self.pauses:
-                if pause.recording == part.recording:
-                    is_inside[round(pause.start * rate) : round(pause.end * rate)] = (
-                        False
-                    )
-            steps = np.array(part.cycle_ends) * rate
-            cycle_ends = np.interp(steps, np.arange(len(kept)), kept) / rate
-            for a, b in runs(is_inside):
+        out = []
+        for number, label in enumerate(self.labels):
+            kept, is_cut = np.flatnonzero(label == _KEPT), label >= _PAUSE
+            here = [part for part in parts if part.recording == number]
+            here.sort(key=lambda part: part.start)
+            owner = np.zeros(len(label), dtype=int)
+            for i, part in enumerate(here[1:], 1):
+                owner[kept[round(part.start * rate)] :] = i
+            owner[is_cut] = -1
+            edges = np.flatnonzero(np.diff(owner)) + 1
+            for a, b in pairwise([0, *edges.tolist(), len(label)]):
                 start, end = a / rate, b / rate
-                is_here = (start <= cycle_ends) & (cycle_ends < end)
-                out.append(
-                    replace(
-                        part,
-                        start=start,
-                        end=end,
-                        cycle_ends=tuple(cycle_ends[is_here].tolist()),
-                    )
-                )
+                if is_cut[a]:
+                    kind = "lift" if np.any(label[a:b] == _LIFT) else "pause"
+                    part = Part(recording=number, start=start, end=end, kind=kind)
+                else:
+                    part = here[owner[a]]
+                    steps = np.array(part.cycle_ends) * rate
+                    whole = np.minimum(steps.astype(int), len(kept) - 1)
+                    ends = (kept[whole] + steps - whole) / rate
+                    ends = ends[(start < ends) & (ends <= end)]
+                    cycle_ends = tuple(ends.tolist())
+                    part = replace(part, start=start, end=end, cycle_ends=cycle_ends)
+                out.append(part)
         return out
 
 
-def without_pauses(
-    recordings: Sequence[Array], columns: list[int], rate: float
-) -> list[Continued]:
+def without_pauses(recordings: Sequence[Array], columns: list[int]) -> list[Continued]:
     """Cut the pauses out of recordings (n, D).
 
     There are two results where pauses seem to be at the top of lifts: without these lifts, and
-    without the pauses alone. There is none where a pause comes again at the same place, since
-    it may be a part of each cycle. Rest at the beginning and end of a recording stays. Speeds
-    and distances are measured in `columns`.
+    without the pauses alone. There is none where a recording rests twice at the same place, at
+    its ends or between, since it may do so in each cycle. Rest at the ends stays. Speeds and
+    distances are measured in `columns`.
     """
     paths = [y[:, columns] for y in recordings]
     size = float(np.sqrt(np.concatenate(paths).var(axis=0).sum()))
-    rests = [_Rest(i, y, a, b) for i, y in enumerate(paths) for a, b in _rests(y)]
-    pauses = [rest for rest in rests if rest.is_inner]
-    if any(
+    rests = [[_Rest(y, a, b) for a, b in _rests(y)] for y in paths]
+    pauses = [[rest for rest in found if rest.is_inner] for found in rests]
+    if not any(pauses) or any(
         one.is_like(other, _SAME_PLACE * size)
-        for one, other in combinations(rests, 2)
+        for found in rests
+        for one, other in combinations(found, 2)
         if one.is_inner or other.is_inner
     ):
         return []
-    lifts = [pause.lift(size) for pause in pauses]
-    has_lifts = any(lift.kind == "lift" for lift in lifts)
+    lifts = [[pause.lift(size) for pause in found] for found in pauses]
+    has_lifts = any(rest.is_lift for found in lifts for rest in found)
     out = []
-    for cuts in [lifts] * has_lifts + [pauses] * bool(pauses):
-        masks = [np.ones(len(y), dtype=bool) for y in recordings]
-        for cut in cuts:
-            cut.cut(masks[cut.number])
-        values = [y[mask] for y, mask in zip(recordings, masks, strict=True)]
-        parts = [
-            Part(recording=i, start=a / rate, end=b / rate, kind=kind)
-            for i, _, a, b, kind in cuts
+    for cuts in [lifts, pauses] if has_lifts else [pauses]:
+        labels = [np.full(len(y), _KEPT) for y in recordings]
+        for label, found in zip(labels, cuts, strict=True):
+            for rest in found:
+                rest.mark(label)
+        values = [
+            y[label == _KEPT] for y, label in zip(recordings, labels, strict=True)
         ]
-        kept = list(map(np.flatnonzero, masks))
-        out.append(Continued(values=values, kept=kept, pauses=parts))
+        out.append(Continued(values=values, labels=labels))
     return out
 
 
@@ -188,11 +177,7 @@ def _rests(path: Array) -> list[tuple[int, int]]:
     """Return start and end of the intervals in which a path (n, D) rests."""
     if len(path) < 2:
         return []
-    speed = np.convolve(_speed(path), np.ones(_SMOOTHED) / _SMOOTHED, "same")
+    velocity = uniform_filter1d(np.gradient(path, axis=0), _SMOOTHED, axis=0)
+    speed = np.linalg.norm(velocity, axis=1)
     is_slow = speed < _SPEED * np.sqrt(np.mean(speed**2))
     return [(a, b) for a, b in runs(is_slow) if b - a >= _LEAST]
-
-
-def _speed(path: Array) -> Array:
-    """Return the speed (n,) along a path (n, D), per sample."""
-    return np.asarray(np.linalg.norm(np.gradient(path, axis=0), axis=1))

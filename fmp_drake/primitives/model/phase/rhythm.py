@@ -43,7 +43,8 @@ class Part:
         "bout", or the reason for leaving it out: "approach", "retreat", "pause", "lift"
         (a departure from the movement and return), "backwards" or "another movement".
     cycle_ends : tuple of float
-        s, of a bout: instants at which whole cycles since its start end. Not compared.
+        s, of a bout: instants at which whole cycles since its start end, or since that of
+        the bout before a pause in few cycles. Not compared.
     """
 
     recording: int

@@ -28,7 +28,7 @@ from fmp_drake.primitives.model.phase.attempt import (
     STRICT,
     Attempt,
     Limits,
-    cut,
+    segments,
 )
 from fmp_drake.primitives.model.phase.loops import join_loops
 from fmp_drake.primitives.model.phase.pauses import without_pauses
@@ -241,7 +241,7 @@ def _search_or_join(
         refusal = error
     if best is None or best[0].misfit:
         other: tuple[TrackedRhythm, Iterable[Part]] | None = None
-        for continued in without_pauses(recordings, columns, rate):
+        for continued in without_pauses(recordings, columns):
             with contextlib.suppress(DemonstrationError):
                 tracked = _search(continued.values, columns, rate, period)
                 exact = max(tracked.misfit, _EXACT)
@@ -258,12 +258,12 @@ def _search_or_join(
     return best
 
 
-def _is_better(other: TrackedRhythm, tracked: TrackedRhythm) -> bool:
+def _is_better(without: TrackedRhythm, with_pauses: TrackedRhythm) -> bool:
     """Return whether a rhythm without pauses is better than the one with them."""
-    one, two = tracked.rhythm, other.rhythm
-    if abs(two.period / one.period - 1) < _SIMILAR:
-        return two.cycles > one.cycles + _MORE_CYCLES
-    return other.misfit < _WITHOUT_PAUSES * max(tracked.misfit, _EXACT)
+    one, other = without.rhythm, with_pauses.rhythm
+    if abs(one.period / other.period - 1) < _SIMILAR:
+        return one.cycles > other.cycles + _MORE_CYCLES
+    return without.misfit < _WITHOUT_PAUSES * max(with_pauses.misfit, _EXACT)
 
 
 def _parts(tracked: TrackedRhythm) -> list[Part]:
@@ -290,7 +290,7 @@ def _search(
     rhythm = rhythm_of_labels(recordings, labels, best.track, starts, rate)
     track = best.track
     if len(columns) < all_channels[0].shape[1]:
-        track = track.with_channels(cut(all_channels, best.bouts))
+        track = track.with_channels(segments(all_channels, best.bouts))
     misfit = 0.0 if limits is STRICT else best.misfit / best.track.cycles
     return TrackedRhythm(rhythm, track, all_channels, misfit)
 
@@ -413,7 +413,7 @@ def _candidates(
     bouts = list(recordings)
     if local:
         masks = aligned_samples(recordings, local[0])
-        bouts = cut(recordings, masks) or bouts
+        bouts = segments(recordings, masks) or bouts
     try:
         estimates = possible_periods(bouts)
     except DemonstrationError:
