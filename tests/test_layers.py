@@ -282,6 +282,25 @@ def test_no_function_has_more_than_100_lines_of_code():
     assert long == {}
 
 
+def repeated_constants(source):
+    """Return names that a module assigns more than once outside of functions."""
+    targets = [
+        name.id
+        for node in ast.parse(source).body
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        for name in ast.walk(target)
+        if isinstance(name, ast.Name)
+    ]
+    return sorted({name for name in targets if targets.count(name) > 1})
+
+
+def test_no_constant_of_a_module_replaces_another_one():
+    assert repeated_constants("_A = 1\n_B, _A = 2, 3\n") == ["_A"]
+    repeated = {name: repeated_constants(source) for name, _, source in modules()}
+    assert not {name: names for name, names in repeated.items() if names}
+
+
 def test_few_modules_have_less_than_40_lines_of_code():
     # This number may only fall.
     small = {}

@@ -9,10 +9,7 @@ import numpy as np
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array, Indices, check_number, runs
-from fmp_drake.primitives.data.channels import (
-    channel_scales,
-    default_channels,
-)
+from fmp_drake.primitives.data.channels import channel_scales, default_channels
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.windows import (
     DEFAULT_RATE,
@@ -44,18 +41,12 @@ from fmp_drake.primitives.model.phase.rhythm import (
     rhythm_of_labels,
     split_kinds,
 )
-from fmp_drake.primitives.model.phase.segmentation import (
-    BACKWARDS,
-    FORWARDS,
-    OUTSIDE,
-)
+from fmp_drake.primitives.model.phase.segmentation import BACKWARDS, FORWARDS, OUTSIDE
 from fmp_drake.primitives.model.phase.self_alignment import (
     aligned_period,
     aligned_samples,
 )
-from fmp_drake.primitives.model.phase.tracking import (
-    PhaseTrack,
-)
+from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 
 # Misfit of a shorter period relative to the best, up to which it is preferred.
 _MISFIT_RATIO = 4.0
@@ -87,7 +78,7 @@ class TrackedRhythm(NamedTuple):
         Of all channels, also those that do not repeat.
     recordings : sequence of ndarray, shape (n, D)
         The recordings in the order of the search, the longest first; joined where each
-        is one cycle.
+        is one cycle, and without pauses that are cut out.
     misfit : float
         0 for many similar cycles; greater for fewer and less similar ones.
     """
