@@ -14,7 +14,7 @@ from fmp_drake.primitives.model.phase.rhythm import Part
 
 # Least length of a pause, samples, its speed relative to the root mean square, and samples
 # over which the velocity is averaged.
-_LEAST, _SPEED, _SMOOTHED = 8, 0.1, 7
+_LEAST, _SPEED, _SMOOTHED = 12, 0.1, 7
 # Distances relative to the size of the movement: of pauses at the same place, and of a lift
 # from the movement.
 _SAME_PLACE, _LIFTED = 0.3, 0.2
