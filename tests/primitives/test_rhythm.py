@@ -355,6 +355,26 @@ def test_few_cycles_between_approach_and_retreat_are_found(cycles, least):
     assert ends >= 0.9
 
 
+@pytest.mark.parametrize(("cycles", "least"), [(1.6, 0.8), (2.2, 0.9), (3, 0.95)])
+@pytest.mark.parametrize("has_approach", [True, False])
+def test_few_cycles_with_a_pause_within_are_found(cycles, least, has_approach):
+    is_right = []
+    for seed in range(930, 950):
+        truth = few_cycles(seed, cycles, has_approach=has_approach)
+        rng = np.random.default_rng(seed)
+        count, start = truth.values.shape[0], rng.uniform(0.3, 0.7)
+        at, length = round(start * count), round(rng.uniform(1.5, 5.0) * RATE)
+        held = np.repeat(truth.values[[at]], length, axis=0)
+        held += 3e-5 * np.cumsum(rng.standard_normal(held.shape), axis=0)
+        values = np.concatenate([truth.values[:at], held, truth.values[at:]])
+        try:
+            found = find_rhythm(demonstration(values)).period
+        except DemonstrationError:
+            found = np.inf
+        is_right.append(abs(found / truth.period - 1) < 0.08)
+    assert np.mean(is_right) >= least
+
+
 @pytest.mark.parametrize(
     ("cycles", "places", "height", "least"),
     [
@@ -384,9 +404,9 @@ def test_few_cycles_with_pauses_and_lifts_are_found(cycles, places, height, leas
     assert np.mean(is_right) >= least
 
 
-def eight(cycles=2.2):
-    """Return an 8 (n, 3), 0.2 m wide, with cycles of 5 s."""
-    phase = 2 * np.pi * np.linspace(0, cycles, round(100 * cycles) + 1)
+def eight():
+    """Return 2.2 cycles of 5 s of an 8 (n, 3), 0.2 m wide."""
+    phase = 2 * np.pi * np.linspace(0, 2.2, 221)
     path = [np.sin(phase), 0.6 * np.sin(2 * phase + 0.5), 0 * phase]
     return 0.1 * np.column_stack(path)
 

@@ -8,7 +8,12 @@ import numpy as np
 from fmp_drake.numeric import Array, Indices, Mask, runs
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.period import SIMILAR, similarity
-from fmp_drake.primitives.model.phase.segmentation import FORWARDS, OUTSIDE, segment
+from fmp_drake.primitives.model.phase.segmentation import (
+    FORWARDS,
+    OUTSIDE,
+    segment,
+    segments,
+)
 from fmp_drake.primitives.model.phase.self_alignment import aligned_samples
 from fmp_drake.primitives.model.phase.tracking import PhaseTrack, track_phase
 
@@ -190,10 +195,3 @@ class Attempt(NamedTuple):
             count = sum(int(np.count_nonzero(one | other)) for one, other in both)
         fraction = self.samples / count
         return fraction * self.misfit + (1 - fraction) * _LEFT_OUT_MISFIT
-
-
-def segments(recordings: Sequence[Array], masks: Sequence[Mask]) -> list[Array]:
-    """Return the segments of recordings where masks are true."""
-    return [
-        y[a:b] for y, mask in zip(recordings, masks, strict=True) for a, b in runs(mask)
-    ]

@@ -81,10 +81,8 @@ class _Rest(NamedTuple):
                 return self._replace(start=a, end=b, is_lift=True)
         return self
 
-    def mark(self, labels: Indices) -> None:
-        """Mark it in labels (n,), and as many samples beside it as make the path slow."""
-        steps = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
-        least = _STEP * float(np.median(steps))
+    def mark(self, labels: Indices, least: float) -> None:
+        """Mark it in labels (n,), and samples beside it, so that no step is below the least."""
         labels[self.start : self.end] = _LIFT if self.is_lift else _PAUSE
         last = max(self.start - _SLOW, 0)
         for i in range(last + 1, min(self.end + _SLOW, len(self.path))):
@@ -160,12 +158,16 @@ def without_pauses(recordings: Sequence[Array], columns: list[int]) -> list[Cont
         return []
     lifts = [[pause.lift(size) for pause in found] for found in pauses]
     has_lifts = any(rest.is_lift for found in lifts for rest in found)
+    steps = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in paths]
+    least_steps = [
+        _STEP * float(np.median(step)) if len(step) else 0.0 for step in steps
+    ]
     out = []
     for cuts in [lifts, pauses] if has_lifts else [pauses]:
         labels = [np.full(len(y), _KEPT) for y in recordings]
-        for label, found in zip(labels, cuts, strict=True):
+        for label, found, least in zip(labels, cuts, least_steps, strict=True):
             for rest in found:
-                rest.mark(label)
+                rest.mark(label, least)
         values = [
             y[label == _KEPT] for y, label in zip(recordings, labels, strict=True)
         ]

@@ -25,7 +25,6 @@ from fmp_drake.primitives.model.phase.attempt import (
     STRICT,
     Attempt,
     Limits,
-    segments,
 )
 from fmp_drake.primitives.model.phase.loops import join_loops
 from fmp_drake.primitives.model.phase.pauses import without_pauses
@@ -41,7 +40,12 @@ from fmp_drake.primitives.model.phase.rhythm import (
     rhythm_of_labels,
     split_kinds,
 )
-from fmp_drake.primitives.model.phase.segmentation import BACKWARDS, FORWARDS, OUTSIDE
+from fmp_drake.primitives.model.phase.segmentation import (
+    BACKWARDS,
+    FORWARDS,
+    OUTSIDE,
+    segments,
+)
 from fmp_drake.primitives.model.phase.self_alignment import (
     aligned_period,
     aligned_samples,
@@ -87,6 +91,10 @@ class TrackedRhythm(NamedTuple):
     track: PhaseTrack
     recordings: Sequence[Array]
     misfit: float
+
+
+_Found = tuple[TrackedRhythm, list[Part]]
+"""A rhythm, and its parts in the recordings as they were given."""
 
 
 def find_rhythm(
@@ -179,7 +187,7 @@ def search_rhythm(
     ordered = [recordings[i] for i in order]
     if units is None:
         units = dict.fromkeys(default_channels(ordered[0].shape[1]), "m")
-    best: tuple[float, list[int], TrackedRhythm, Iterable[Part]] | None = None
+    best: tuple[float, list[int], TrackedRhythm, list[Part]] | None = None
     refusal: DemonstrationError | None = None
     for columns in _column_choices(ordered, tuple(units.values())):
         try:
@@ -194,7 +202,7 @@ def search_rhythm(
     if best is None:
         raise refusal or DemonstrationError("there is no channel.")
     _, columns, tracked, parts = best
-    parts = (replace(part, recording=order[part.recording]) for part in parts)
+    parts = [replace(part, recording=order[part.recording]) for part in parts]
     bouts, left_out = split_kinds(sorted(parts, key=lambda p: (p.recording, p.start)))
     irregular = (name for i, name in enumerate(units) if i not in columns)
     rhythm = replace(
@@ -218,35 +226,49 @@ def _column_choices(
 
 def _search_or_join(
     recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> tuple[TrackedRhythm, Iterable[Part]]:
-    """Find the rhythm of separate or joined recordings; return it and its parts.
+) -> _Found:
+    """Find the rhythm of separate or joined recordings.
 
     Few cycles are searched without pauses, too.
     """
-    best: tuple[TrackedRhythm, Iterable[Part]] | None = None
-    refusal: DemonstrationError | None = None
     try:
         tracked = _search(recordings, columns, rate, period)
-        best = tracked, _parts(tracked)
-    except DemonstrationError as error:
-        refusal = error
-    if best is None or best[0].misfit:
-        other: tuple[TrackedRhythm, Iterable[Part]] | None = None
-        for continued in without_pauses(recordings, columns):
-            with contextlib.suppress(DemonstrationError):
-                tracked = _search(continued.values, columns, rate, period)
-                exact = max(tracked.misfit, _EXACT)
-                if other is None or _WITHOUT_LIFTS * exact < other[0].misfit:
-                    other = tracked, continued.parts(_parts(tracked), rate)
-        if other and (best is None or _is_better(other[0], best[0])):
-            best = other
-    if best is None and (loops := join_loops(recordings, columns)):
+    except DemonstrationError:
+        found = _search_without_pauses(recordings, columns, rate, period)
+        found = found or _search_joined(recordings, columns, rate, period)
+        if found is None:
+            raise
+        return found
+    if tracked.misfit:
+        found = _search_without_pauses(recordings, columns, rate, period)
+        if found and _is_better(found[0], tracked):
+            return found
+    return tracked, _parts(tracked)
+
+
+def _search_without_pauses(
+    recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
+) -> _Found | None:
+    """Find the rhythm of recordings without pauses, and without lifts where that is better."""
+    found: _Found | None = None
+    for continued in without_pauses(recordings, columns):
+        with contextlib.suppress(DemonstrationError):
+            tracked = _search(continued.values, columns, rate, period)
+            misfit = max(tracked.misfit, _EXACT)
+            if found is None or _WITHOUT_LIFTS * misfit < found[0].misfit:
+                found = tracked, continued.parts(_parts(tracked), rate)
+    return found
+
+
+def _search_joined(
+    recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
+) -> _Found | None:
+    """Find the rhythm of recordings of one cycle each."""
+    if loops := join_loops(recordings, columns):
         with contextlib.suppress(DemonstrationError):
             tracked = _search([loops.values], columns, rate, period)
-            best = tracked, loops.parts(_parts(tracked), rate)
-    if best is None:
-        raise refusal or DemonstrationError("nothing repeats.")
-    return best
+            return tracked, loops.parts(_parts(tracked), rate)
+    return None
 
 
 def _is_better(without: TrackedRhythm, with_pauses: TrackedRhythm) -> bool:

@@ -86,9 +86,7 @@ def segment(
         _normalised(y, np.zeros_like(y), mask, size)
         for y, mask in zip(recordings, masks, strict=True)
     ]
-    parts = [
-        v[a:b] for v, mask in zip(values, masks, strict=True) for a, b in runs(mask)
-    ]
+    parts = segments(values, masks)
     if max(map(len, parts), default=0) < period + 1:
         return None
     tempos = [np.ones(len(y)) for y in recordings]
@@ -115,6 +113,13 @@ def segment(
         if all(map(np.array_equal, before.labels, best.labels)):
             break
     return best
+
+
+def segments(recordings: Sequence[Array], masks: Sequence[Mask]) -> list[Array]:
+    """Return the segments of recordings where masks are true."""
+    return [
+        y[a:b] for y, mask in zip(recordings, masks, strict=True) for a, b in runs(mask)
+    ]
 
 
 class _Segmenter(NamedTuple):
