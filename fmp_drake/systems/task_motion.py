@@ -121,9 +121,11 @@ class TaskMotion(LeafSystem):
             -1 if roles.force is None else roles.force,
             np.array([w, x, y, z]),
         )
-        self._fixed_frame = np.zeros(24)
-        self._fixed_frame[:9] = X_WS.rotation().matrix().ravel()
+        R_WS = X_WS.rotation()
+        self._fixed_frame = np.zeros(28)
+        self._fixed_frame[:9] = R_WS.matrix().ravel()
         self._fixed_frame[9:12] = X_WS.translation()
+        self._fixed_frame[24:] = R_WS.ToQuaternion().wxyz()
         self._declare_inputs(is_moving)
         self._declare_outputs(is_moving)
 
@@ -162,9 +164,10 @@ class TaskMotion(LeafSystem):
             pose, velocity, acceleration = (
                 np.array(port.Eval(context)) for port in self._frame
             )
-            R_WS = RotationMatrix(Quaternion(pose[:4] / np.linalg.norm(pose[:4])))
+            q_WS = pose[:4] / np.linalg.norm(pose[:4])
+            R_WS = RotationMatrix(Quaternion(q_WS))
             frame = np.concatenate(
-                [R_WS.matrix().ravel(), pose[4:], velocity, acceleration]
+                [R_WS.matrix().ravel(), pose[4:], velocity, acceleration, q_WS]
             )
         motion: Any = self._motion.Eval(context)
         desired = desired_motion(self._channels, self._surface, frame, motion)

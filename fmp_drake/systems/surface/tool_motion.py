@@ -65,9 +65,9 @@ def desired_motion(
     ----------
     channels : ToolChannels
     surface : Surface
-    frame : array, shape (24,)
+    frame : array, shape (28,)
         The surface in the world: R_WS row by row, p_WS, V_WS and its time derivative
-        (rotation first), m and rad with s.
+        (rotation first), m and rad with s; and the quaternion (w, x, y, z) of R_WS.
     motion : array, shape (3 D,)
         Channels of a skill, then their first and second time derivatives.
 
@@ -95,16 +95,16 @@ def desired_motion(
     if channels.force >= 0:
         out[19] = max(y[channels.force], 0.0)
     R_WS, p_WS = frame[:9].copy().reshape(3, 3), frame[9:12]
-    V_WS, A_WS = frame[12:18], frame[18:]
+    V_WS, A_WS, q_WS = frame[12:18], frame[18:24], frame[24:]
     if is_plane:
-        out[20:24], out[24:27] = _quaternion_of(R_WS), p_WS
+        out[20:24], out[24:27] = q_WS, p_WS
         out[27:33], out[33:] = V_WS, A_WS
         return out
-    R_ST, p_ST, V_ST, A_ST = moving_frame(surface, p[:2], v[:2], a[:2])
+    _, p_ST, V_ST, A_ST = moving_frame(surface, p[:2], v[:2], a[:2])
     arm = R_WS @ p_ST
     turn, moved = R_WS @ V_ST[:3], R_WS @ V_ST[3:]
     w = V_WS[:3]
-    out[20:24] = _quaternion_of(R_WS @ R_ST)
+    out[20:24] = quaternion_product(q_WS, _orientation(surface, p))
     out[24:27] = p_WS + arm
     out[27:30] = w + turn
     out[30:33] = V_WS[3:] + cross(w, arm) + moved
@@ -152,10 +152,7 @@ def measured_channels(
         R_ST = rotation(surface, near[0], near[1])
         uvh = project(surface, point(surface, near[0], near[1]) + R_ST @ p_TE, near[:2])
         # The orientation is relative to the local normal at the tool.
-        local = quaternion(np.array((-surface.ky * uvh[1], surface.kx * uvh[0], 0.0)))
-        target = quaternion(
-            np.array((-surface.ky * near[1], surface.kx * near[0], 0.0))
-        )
+        local, target = _orientation(surface, uvh), _orientation(surface, near)
         q = quaternion_product(_conjugate(local), quaternion_product(target, q_TE))
     for i in range(3):
         out[channels.position[i]] = uvh[i]
@@ -167,6 +164,12 @@ def measured_channels(
     if channels.force >= 0:
         out[channels.force] = force
     return out
+
+
+@compiled
+def _orientation(surface: Surface, uvh: Array) -> Array:
+    """Return the unit quaternion (w, x, y, z) of R_ST at (u, v)."""
+    return quaternion(np.array((-surface.ky * uvh[1], surface.kx * uvh[0], 0.0)))
 
 
 @compiled
@@ -186,24 +189,3 @@ def _nearest_vector(q: Array, near: Array) -> Array:
     angle = 2 * math.atan2(sine, q[0])
     turns = round((float(near @ axis) - angle) / (2 * math.pi))
     return (angle + 2 * math.pi * turns) * axis
-
-
-@compiled
-def _quaternion_of(R: Array) -> Array:
-    """Return the unit quaternion (w, x, y, z) of a rotation matrix (Shepperd)."""
-    a, e, i = R[0, 0], R[1, 1], R[2, 2]
-    largest = max(a + e + i, a, e, i)
-    if largest == a + e + i:
-        w, x = 1 + largest, R[2, 1] - R[1, 2]
-        y, z = R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    elif largest == a:
-        w, x = R[2, 1] - R[1, 2], 1 + a - e - i
-        y, z = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0]
-    elif largest == e:
-        w, x = R[0, 2] - R[2, 0], R[0, 1] + R[1, 0]
-        y, z = 1 - a + e - i, R[1, 2] + R[2, 1]
-    else:
-        w, x = R[1, 0] - R[0, 1], R[0, 2] + R[2, 0]
-        y, z = R[1, 2] + R[2, 1], 1 - a - e + i
-    q = np.array((w, x, y, z))
-    return q / math.sqrt(q @ q)
