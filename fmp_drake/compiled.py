@@ -32,9 +32,7 @@ class _Announcer(event.Listener):
         """Log the message at the first function that is not in the cache."""
         if not self._has_announced:
             self._has_announced = True
-            logger.info(
-                "compiling what this machine uses for the first time: up to half a minute"
-            )
+            logger.info("compiling for this machine, once: up to half a minute")
 
     def on_end(self, event: Any) -> None:
         """Log nothing at the end of a compilation."""

@@ -91,7 +91,9 @@ def learn(
     if skill.as_recorded and skill.board is not None:
         raise FmpError("with --as-recorded there is no board; leave out --board.")
     if skill.as_recorded and skill.robot is not None:
-        raise FmpError("with --as-recorded joints stay joints; leave out --robot.")
+        raise FmpError(
+            "with --as-recorded the joint angles themselves are learned; leave out --robot."
+        )
     scenario = Scenario()
     if skill.robot is not None:
         is_file = Path(skill.robot).is_file()

@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _run(arguments: Sequence[str] | None) -> tuple[str, int]:
     """Run a command, and return an error message and the exit code."""
-    # No window is opened, and a notebook's backend is none of this process.
+    # No window is opened, whatever backend a notebook has set for its processes.
     os.environ["MPLBACKEND"] = "agg"
     # Nothing is imported before interrupts are handled.
     import click

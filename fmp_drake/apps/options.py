@@ -436,8 +436,8 @@ class RecordingOptions:
     )
     quaternions: Literal["xyzw", "wxyz"] | None = option(
         None,
-        "Order of the elements of quaternions without names [default: that with which "
-        "recorded joints agree, otherwise xyzw].",
+        "Order of the elements of quaternions without names [default: the order that "
+        "agrees with recorded joint angles, otherwise xyzw].",
         basic=False,
     )
 

@@ -44,7 +44,7 @@ class RunFiles:
     )
 
     def check(self, *, of_arm: bool, inputs: Iterable[Path | None]) -> None:
-        """Check before a run that the files can be written, and are none of the inputs."""
+        """Check before a run that the files can be written, and that none of them is an input."""
         check_writable(self.html, "a page", [".html"])
         check_writable(self.report, "a report", [".json"])
         check_picture(self.plot)
@@ -153,7 +153,7 @@ def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
             f"{1e3 * m['tracking_max_m']:.1f} mm and {m['orientation_max_deg']:.2f} degrees"
         )
     if "normal_force_error_rms_n" in m:
-        tracking += f"; {m['normal_force_error_rms_n']:.2f} N rms of the desired force"
+        tracking += f"; force error {m['normal_force_error_rms_n']:.2f} N rms"
     pushed = m["reactive_remap_count"]
     after_pushes = f", {pushed} of them after pushes" if pushed else ""
     rows |= {
@@ -169,10 +169,10 @@ def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
     }
     if "penetration_max_m" in m:
         rows["surface"] = (
-            f"up to {1e3 * m['penetration_max_m']:.1f} mm of core, handle or "
-            "arm below it"
+            f"core, handle or arm penetrate it by up to "
+            f"{1e3 * m['penetration_max_m']:.1f} mm"
             if m["penetration_max_m"] > 0
-            else "no hard part below it"
+            else "not penetrated"
         )
         height = m["board_height_error_m"] or 0.0
         if abs(height) >= _MIN_HEIGHT_ERROR:

@@ -119,7 +119,9 @@ class PageOptions:
 class ArmOptions:
     """Arm behind LCM, in place of the simulated one."""
 
-    arm: str | None = arm_option("Move a real arm, or that of `fmp-drake arm`.")
+    arm: str | None = arm_option(
+        "Move a real arm, or the one that `fmp-drake arm` simulates."
+    )
     dry: bool = option(False, "With --arm: send zero torques only.", basic=False)
     go: bool = option(
         False, "With --arm: start without asking; never with a real arm.", basic=False
@@ -224,7 +226,7 @@ def wipe(
             for refusal in request_priority() if arm.real_time else ():
                 console.print(refusal)
             arm_run = ArmRun(scenario, skill, config, **options)
-            # Nobody knows when Enter is pressed.
+            # It is unknown when Enter will be pressed.
             is_endless = play.duration is None and not arm.go
             duration = math.inf if is_endless else play.least_duration
             wipe_with_arm(console, arm_run, duration, go=arm.go, report=files.report)

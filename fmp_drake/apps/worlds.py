@@ -56,7 +56,7 @@ class TrialsOutput:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOptions:
-    """Repetition of one trial."""
+    """Replay of one trial."""
 
     replay: int | None = option(None, "Run the trial of this number in SOURCE again.")
     html: Path | None = option(None, "Write a page that replays the trial.")

@@ -119,8 +119,8 @@ def check_arm(
     if not valid:
         text = (
             f"{len(received)} messages on {config.status_channel}, none of them a status of "
-            "seven joints: does the robot's driver run, on this bus, with the messages of "
-            "this Drake?"
+            "seven joints: check that the robot's driver runs, on this bus, and uses the "
+            "messages of this Drake"
         )
         return [*results, CheckResult(False, text)]
     rate, broken = received[-1].number / _CHECK_SECONDS, len(received) - len(valid)
@@ -139,7 +139,7 @@ def check_arm(
         CheckResult(
             late <= config.gate.expiry,
             f"stamps are {1e3 * np.median(ages):.1f} ms old (median), {1e3 * late:.1f} ms at "
-            f"most (allowed: {1e3 * config.gate.expiry:g}): clocks and network",
+            f"most (allowed: {1e3 * config.gate.expiry:g}): it depends on clocks and network",
         ),
         CheckResult(
             not is_wrong,
@@ -177,7 +177,7 @@ def _check_pose(scenario: Scenario, reading: ArmReading) -> list[CheckResult]:
             f"{_MARGIN:g})",
         ),
         CheckResult(
-            speed <= _REST_SPEED, f"the fastest joint moves with {speed:.3f} rad/s"
+            speed <= _REST_SPEED, f"the fastest joint moves at {speed:.3f} rad/s"
         ),
         CheckResult(
             distance <= _START_DISTANCE and z > 0,
@@ -187,7 +187,7 @@ def _check_pose(scenario: Scenario, reading: ArmReading) -> list[CheckResult]:
         CheckResult(
             external <= _MAX_EXTERNAL,
             f"the largest external torque is {external:.1f} Nm (at most {_MAX_EXTERNAL:g} "
-            "without contact): the eraser's mass in the robot's settings",
+            "without contact): it depends on the eraser's mass in the robot's settings",
         ),
     ]
 
@@ -261,5 +261,5 @@ def record_arm(
         note=note,
     )
     if not demonstrations:
-        raise RunError(f"in {times[-1] - times[0]:.1f} s nothing moved.")
+        raise RunError(f"nothing moved in {times[-1] - times[0]:.1f} s.")
     return max(demonstrations, key=lambda part: part.duration)

@@ -121,7 +121,7 @@ class ArmRun(StationRun):
         return GateFault(int(self.output("faults")[0]))
 
     def go(self) -> None:
-        """Enable the arm: the skill continues, and leads the arm there slowly."""
+        """Enable the arm: it moves slowly to the skill, which then continues."""
         self.simulator.Initialize()
         self._enable_time = self.seconds + _SETTLE
 

@@ -31,8 +31,8 @@ _HELP = {
     "play": [
         "Drag the arm to pull it while it plays.",
         (
-            "teach: show something new; more: show it again, or learn also from what you "
-            "have just shown by pulling."
+            "teach: demonstrate a new movement; more: demonstrate it again, or also learn "
+            "from how you have just pulled the arm."
         ),
         VIEW_HELP,
     ],
@@ -87,13 +87,14 @@ class TeachPage:
         buttons: Any = {
             "learn": {
                 "enabled": not requirement,
-                "hint": requirement or "learn a skill from what was shown, and play it",
+                "hint": requirement
+                or "learn a skill from the demonstration, and play it",
             },
             "again": {
                 "enabled": has_demonstration,
-                "hint": "discard what was shown since the last learning"
+                "hint": "discard what was demonstrated since the last learning"
                 if has_demonstration
-                else "nothing was shown yet",
+                else "nothing was demonstrated yet",
             },
             "undo": {"hint": "restore what 'again' has discarded"},
             "play": {

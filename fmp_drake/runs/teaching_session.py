@@ -127,7 +127,7 @@ class TeachingSession:
     >>> session.advance(0.2)
     >>> session.press("learn")
     >>> session.mode, session.remark
-    ('teach', 'show 12 s more: two windows of 6 s are the least to learn from')
+    ('teach', 'show 12 s more: learning needs at least two windows of 6 s')
     """
 
     def __init__(
@@ -291,7 +291,7 @@ class TeachingSession:
 
     def _press_again(self) -> None:
         if not self.shown:
-            raise RunError("nothing was shown yet: there is nothing to discard")
+            raise RunError("nothing was demonstrated yet: there is nothing to discard")
         samples = self._samples
         self._clear_samples()
         self._discarded = samples
@@ -310,7 +310,7 @@ class TeachingSession:
             raise RunError("there is no skill yet: learn first")
         if self.shown:
             raise RunError(
-                "what was shown would be lost: learn it, or discard it with again"
+                "the demonstration would be lost: learn it, or discard it with again"
             )
         self._play(self.skill, self._learned)
 
@@ -361,7 +361,7 @@ class TeachingSession:
         window = self._scenario.skill.window
         if requirement := self._requirement(demonstrations):
             raise RunError(
-                f"{requirement}: two windows of {window:g} s are the least to learn from"
+                f"{requirement}: learning needs at least two windows of {window:g} s"
             )
         started = time.perf_counter()
         skill = learn_skill(
@@ -374,7 +374,7 @@ class TeachingSession:
         self.remark = f"learned in {time.perf_counter() - started:.1f} s"
         if skill.phase_model_ is None:
             self.remark += (
-                "; no cycle was found in it: press more, and repeat the same movement"
+                "; no cycle was found: press more, and repeat the same movement"
             )
             self.is_done = False
         # It starts where the eraser is, which may be in the felt.
@@ -495,9 +495,9 @@ class TeachingSession:
         """Sentence about the state of the session, and what learning still needs."""
         if isinstance(self._run, WipingRun):
             cleaned = cleaned_fraction(self._run.ink(), self._run.demonstrated_area)
-            status = f"wiping: {100 * cleaned:.0f} % of what was shown is clean"
+            status = f"wiping: {100 * cleaned:.0f} % of the demonstrated area is clean"
         elif self._run is not None:
-            status = "following what was shown"
+            status = "following the demonstration"
         elif requirement := self.requirement:
             status = requirement
         else:

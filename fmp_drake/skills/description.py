@@ -58,7 +58,7 @@ def skill_in_words(skill: FourierMovementPrimitive) -> list[str]:
     >>> windows = np.stack([circles[i : i + 120] for i in range(0, 280, 2)])
     >>> words = skill_in_words(FourierMovementPrimitive().fit(windows))
     >>> print(words[-1])
-    played, it covers x -0.10 to 0.10 m, y -0.10 to 0.10 m, once in 3.1 s, at up to 0.20 m/s
+    its playback covers x -0.10 to 0.10 m, y -0.10 to 0.10 m, with a period of 3.1 s, at up to 0.20 m/s
     """
     phase = skill.phase_model_
     remarks = _about_windows(skill) if phase is None else _about_cycles(skill, phase)
@@ -93,10 +93,10 @@ def _about_windows(skill: FourierMovementPrimitive) -> list[str]:
     windows_per_component = skill.n_windows_ / len(skill.components_)
     return [
         (
-            f"{seconds:.0f} s are short for a mixture with windows of {window:g} s: "
-            f"{seconds / window:.1f} of them do not overlap, and a component has "
-            f"{windows_per_component:.1f} that do. It does not represent movements unlike "
-            f"these; record {_ENOUGH_WINDOWS * window:.0f} s or four equal cycles"
+            f"{seconds:.0f} s is short for a mixture with windows of {window:g} s: only "
+            f"{seconds / window:.1f} of them do not overlap, and a component is learned from "
+            f"{windows_per_component:.1f} that do. It does not represent other movements; "
+            f"record {_ENOUGH_WINDOWS * window:.0f} s or four equal cycles"
         )
     ]
 
@@ -118,7 +118,7 @@ def _about_cycles(skill: FourierMovementPrimitive, phase: PhaseModel) -> list[st
         remarks += skill.rhythm_.describe()[1:]
     if np.ptp(tempos) > 2 * _TEMPO:
         remarks.append(
-            "the tempo varies so much that means get smaller than the movement; play "
+            "the tempo varies so much that the means are smaller than the movement; play "
             "samples (--sample, or sample: true in a scenario)"
         )
     return remarks
@@ -140,9 +140,9 @@ def _about_playing(skill: FourierMovementPrimitive) -> str:
             strict=True,
         )
     )
-    sentence = f"played, it covers {covers}"
+    sentence = f"its playback covers {covers}"
     if skill.phase_model_ is not None:
-        sentence += f", once in {skill.period_:.1f} s"
+        sentence += f" with a period of {skill.period_:.1f} s"
     metres = [unit == "m" for unit in skill.units_]
     if any(metres):
         speed = float(np.linalg.norm(motion[:, 1, metres], axis=-1).max())

@@ -66,7 +66,7 @@ def RobotJoints(
             arm[config.joint_names.index(known[0]) + 1] = channel
         elif match is None:
             continue
-        # Nobody need have named the default robot: no unknown names are taken for its own.
+        # The default robot may not have been named: unknown names are not taken for its own.
         elif _has_word(match[1], own) or not (
             needs_own_names
             or (match[1] and robot == DEFAULT_ROBOT)
@@ -118,7 +118,7 @@ def ArmOfInverseTurns(demonstration: Demonstration) -> str:
     """Return the bundled robot whose joints turn like the inverse of the orientation, or "".
 
     A quaternion whose elements are read in the wrong order is the inverse of the right one,
-    but for constant rotations. How the robot and the tool are mounted is unknown as well,
+    up to constant rotations. How the robot and the tool are mounted is unknown as well,
     so rotations between samples are compared up to one constant rotation. No robot is
     returned that also turns like the orientation itself, as about a single axis.
 

@@ -106,14 +106,14 @@ def scenario_skill(
         }
         if given := [name for name, value in of_learning.items() if value is not None]:
             raise RunError(
-                f"{skill_file} is a skill, learned already: leave out options of learning "
+                f"{skill_file} is a learned skill: leave out the options for learning "
                 f"({', '.join(given)})."
             )
         skill, remarks = load_skill(skill_file), [f"loaded {skill_file}"]
         if not skill.paths_:
             remarks.append(
-                f"{skill_file.name} does not say where it was demonstrated: what is "
-                "played may lead anywhere. Learn it again to bound it."
+                f"{skill_file.name} does not contain where it was demonstrated, so its "
+                "playback is not bounded. Learn it again to bound it."
             )
         return skill, [], remarks
     recordings, remarks = load_on_board(

@@ -303,8 +303,8 @@ def load_as_recorded(
             reading = replace(reading, quaternions="wxyz")
             demonstrations, remarks = read_demonstrations(paths, reading)
             remarks.append(
-                f"the joints of {min(robots)} turn like quaternions w, x, y, z, and not "
-                "like x, y, z, w"
+                "quaternions are read as w, x, y, z: only this order agrees with the "
+                f"recorded joints of {min(robots)}"
             )
     if stretch != 1.0:
         demonstrations = [replace(d, time=d.time * stretch) for d in demonstrations]
@@ -416,7 +416,7 @@ def place_on_board(
                 channels=POSITION_CHANNELS,
                 units=(*flat.units, flat.units[0]),
             )
-            remarks.append("x and y without z are a drawing on the board")
+            remarks.append("x and y without z: taken as a drawing on the board")
         elif needs_board or f"; {SEVERAL} " in f"; {demonstration.note}":
             raise DemonstrationError(_missing_position(demonstration, scenario.robot))
         else:
@@ -450,7 +450,7 @@ def place_on_board(
     instead = "give its pose (--transform), or learn it as it is (learn --as-recorded)."
     if placement.touching < _LEAST_TOUCHING:
         raise DemonstrationError(
-            f"on the board it would touch it {touching}; at least "
+            f"placed on the board, the tool would touch it only {touching}; at least "
             f"{100 * _LEAST_TOUCHING:.0f} % is needed; {instead}"
         )
     check_scale(placement.scale, f"Or {instead}")

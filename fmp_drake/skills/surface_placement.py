@@ -110,7 +110,7 @@ def place_on_fitted_surface(
             )
     fit, contacts = _fit(demonstrations, shape, **rhythm)
     remarks = [
-        f"{c.offset:.1f} N subtracted from the force: it is that of the air, such as the "
+        f"{c.offset:.1f} N subtracted from the force: measured in the air, such as the "
         "weight of the tool"
         for c in contacts
         if c.offset > 0

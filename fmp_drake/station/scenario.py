@@ -73,8 +73,9 @@ class Scenario:
     start : list of 3 floats
         p_BE of the eraser at the start, in the frame of the board, m.
     tolerance : float
-        Greatest acceptable rms distance from the path, m. The check in advance refuses what
-        it predicts to be farther off, and a randomised trial that is farther off fails.
+        Greatest acceptable rms distance from the path, m. The check refuses a
+        skill whose predicted distance is greater, and a randomised trial fails whose measured
+        distance is greater.
     camera : CameraConfig
     show : ShowConfig
 

@@ -66,7 +66,7 @@ def test_model_is_chosen_and_reported(command, make_npz, outputs):
         assert result.code == 0
         assert load_skill(skill).model_ == model
         output[model] = " ".join(result.out.split())
-    assert "model: mixture, because it was asked for" in output["mixture"]
+    assert "model: mixture, because it was requested" in output["mixture"]
     assert f"cycles of {load_skill(skill).period_:.2f} s" in output["phase"]
     assert "cycles" in output["phase"]
 
@@ -199,7 +199,7 @@ def test_path_implausible_for_the_board_is_refused_and_learned_as_recorded(
     large = table(outputs / "large.csv", time, 12 * path, header="time,x,y,z")
     skill = outputs / "skill.npz"
     for file, reason in (
-        (tumbling, r"would touch it \d+ % of the time; at least 20 %"),
+        (tumbling, r"would touch it only \d+ % of the time; at least 20 %"),
         (large, "at 19 % of its size; at least 30 %"),
     ):
         message = refused("learn", file, "--out", skill)

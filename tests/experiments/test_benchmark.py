@@ -145,7 +145,7 @@ def test_recordings_of_few_cycles_are_one_movement_together(tmp_path):
     assert [(m.name, len(m.parts)) for m in movements] == [("long_1", 1), ("short", 3)]
     assert all(m.period == pytest.approx(PERIOD, rel=0.05) for m in movements)
     (message,) = messages
-    assert message.startswith("line is left out: no part of it comes again")
+    assert message.startswith("line is left out: no part of it recurs")
 
 
 def test_recordings_of_one_stem_are_movements_of_their_own(tmp_path):

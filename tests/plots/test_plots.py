@@ -590,7 +590,7 @@ class TestPhase:
         mixture = FourierMovementPrimitive(
             model="mixture", n_steps=24, rate=10.0, overlap=4, n_components=2
         ).fit(shown[1])
-        with pytest.raises(RunError, match="no phase model: it was asked for"):
+        with pytest.raises(RunError, match="no phase model: it was requested"):
             draw_phase(mixture, Figure().subplots(1, 3))
 
     def test_the_cycle_of_one_channel_is_drawn_over_its_phase(self, shown):

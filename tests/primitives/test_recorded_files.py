@@ -522,7 +522,7 @@ def test_angles_that_jump_by_a_revolution_are_continued(tmp_path):
     (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
     turns = (found.values[:, 0] - np.deg2rad(roll)) / (2 * np.pi)
     assert_allclose(turns, round(turns[0]), atol=1e-9)
-    assert "roll continued where they jump by a revolution" in remarks[0]
+    assert "roll unwrapped where they jump by a revolution" in remarks[0]
 
 
 @pytest.mark.parametrize(("step", "is_continued"), [(4.8, True), (4.6, False)])

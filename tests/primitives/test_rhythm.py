@@ -265,7 +265,7 @@ def test_a_part_without_samples_is_refused():
 
 def test_recording_without_repetition_has_no_rhythm():
     path = eased(np.zeros(2), np.ones(2), 200)
-    with pytest.raises(DemonstrationError, match="no part of it comes again"):
+    with pytest.raises(DemonstrationError, match="no part of it recurs"):
         find_rhythm(demonstration(path))
 
 
@@ -523,7 +523,7 @@ def test_few_cycles_of_real_recordings_are_found(
 def test_irregular_cycles_are_refused_not_guessed(real_demonstration_paths):
     with np.load(real_demonstration_paths["car_rim_4"]) as file:
         recording = Demonstration(time=file["time"], values=file["position"])
-    with pytest.raises(DemonstrationError, match="no part of it comes again"):
+    with pytest.raises(DemonstrationError, match="no part of it recurs"):
         find_rhythm(recording, end_time=6.9)
 
 
@@ -562,7 +562,7 @@ def test_a_recording_of_rest_has_no_rhythm_and_gives_no_warning():
     still = demonstration(np.tile([0.4, 0.1, 0.3], (400, 1)))
     with (
         np.errstate(all="raise"),
-        pytest.raises(DemonstrationError, match="no part of it comes again"),
+        pytest.raises(DemonstrationError, match="no part of it recurs"),
     ):
         find_rhythm(still)
 
@@ -679,7 +679,7 @@ def cycles_apart(count, turn=2 * np.pi):
 
 def test_recordings_of_one_cycle_each_are_learned_together():
     recordings = cycles_apart(5)
-    with pytest.raises(DemonstrationError, match="no part of it comes again"):
+    with pytest.raises(DemonstrationError, match="no part of it recurs"):
         find_rhythm(recordings[0])
     found = find_rhythm(recordings)
     assert found.cycles == pytest.approx(5, abs=0.2)
@@ -698,7 +698,7 @@ def test_recordings_of_one_cycle_each_are_learned_together():
 
 
 def test_recordings_that_end_elsewhere_are_not_joined():
-    with pytest.raises(DemonstrationError, match="no part of it comes again"):
+    with pytest.raises(DemonstrationError, match="no part of it recurs"):
         find_rhythm(cycles_apart(5, turn=4.0))
 
 

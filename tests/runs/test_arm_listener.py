@@ -61,12 +61,12 @@ def test_an_arm_is_in_a_reflex_after_an_invalid_command(monkeypatch):
 @pytest.mark.parametrize(
     ("bench", "scenario", "word"),
     [
-        ({"speaks": False}, {}, "does the robot's driver run"),
+        ({"speaks": False}, {}, "check that the robot's driver runs"),
         ({"faults": NetworkFaults(corrupt=0.2)}, {}, "broken"),
         (
             {"faults": NetworkFaults(jitter=0.1), "stride": 10},
             {},
-            "clocks and network",
+            "it depends on clocks and network",
         ),
         (
             {"hand": SimulatedHand(HandMotion.make("eight", duration=2.0, seed=0))},

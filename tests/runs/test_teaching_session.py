@@ -61,7 +61,7 @@ def test_it_reports_the_missing_time_and_continues_teaching():
     session.advance(1.2)
     session.press("learn")
     assert session.mode == "teach"
-    assert "show 1 s more: two windows of 1 s" in session.remark
+    assert "show 1 s more: learning needs at least two windows of 1 s" in session.remark
     session.press("play")
     assert session.mode == "teach"
     assert "learn first" in session.remark
@@ -96,7 +96,7 @@ def test_again_without_a_movement_discards_nothing():
     session = begin()
     session.press("again")
     assert not session.is_done
-    assert "nothing was shown" in session.remark
+    assert "nothing was demonstrated" in session.remark
     assert "undo" not in session.buttons
 
 
@@ -116,7 +116,7 @@ def test_after_learning_it_plays_from_where_the_arm_is(taught):
 
 
 def test_movement_without_a_repeated_cycle_is_reported(taught):
-    assert "no cycle was found in it: press more" in taught[0].remark
+    assert "no cycle was found: press more" in taught[0].remark
     session = begin()
     session.advance(8.0)
     session.press("learn")
@@ -173,7 +173,7 @@ def test_infeasibility_is_reported_after_learning():
 def test_taught_skill_is_saved_and_cleans_the_board(taught):
     session, _, _, folder = taught
     session.advance(1.0)
-    assert "% of what was shown is clean" in session.status
+    assert "% of the demonstrated area is clean" in session.status
     assert "wiping: 0 %" not in session.status
     session.press("save")
     assert session.remark == "wrote shown.npz, skill.npz"

@@ -66,7 +66,7 @@ def turning(folder, order, joints=JOINTS, **given):
 def test_joints_tell_the_order_of_quaternions(order, tmp_path):
     found, truth, remarks = turning(tmp_path, order)
     assert np.max((found.inv() * truth).magnitude()) < 1e-6
-    assert ("joints of panda turn like quaternions w" in remarks) == (order == "wxyz")
+    assert ("agrees with the recorded joints of panda" in remarks) == (order == "wxyz")
 
 
 def test_order_of_quaternions_that_is_given_is_kept(tmp_path):
@@ -78,7 +78,7 @@ def test_a_turn_about_one_axis_does_not_tell_the_order_of_quaternions(tmp_path):
     joints = np.tile(JOINTS[0], (len(TIME), 1))
     joints[:, 6] = JOINTS[:, 6]
     _, _, remarks = turning(tmp_path, "wxyz", joints)
-    assert "turn like" not in remarks
+    assert "agrees with" not in remarks
     assert "read as x, y, z, w; if it is w, x, y, z" in remarks
 
 

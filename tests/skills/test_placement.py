@@ -416,4 +416,4 @@ def test_a_drawing_is_placed_on_the_board():
     low, high = path[:, :2].min(axis=0), path[:, :2].max(axis=0)
     assert_allclose(placed.values[:, :2], path[:, :2] - (low + high) / 2, atol=1e-9)
     assert np.all(placed.values[:, 2] == 0.0)
-    assert remarks[0] == "x and y without z are a drawing on the board"
+    assert remarks[0] == "x and y without z: taken as a drawing on the board"

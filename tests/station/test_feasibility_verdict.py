@@ -136,8 +136,8 @@ def test_a_motion_within_all_bounds_is_accepted_with_its_values(
     assert found.paths.shape[0] * found.paths.shape[1] == COUNT
     assert np.all(found.followed)
     assert (
-        "stays 0.20 rad from its joints' limits and needs up to 40 % of their speed "
-        "and 30 % of their torque" in found.verdict
+        "stays 0.20 rad from its joint limits and needs up to 40 % of the speed limits "
+        "and 30 % of the torque limits" in found.verdict
     )
     values = found.values
     assert values["reachable_fraction"] == 1
@@ -321,7 +321,7 @@ def test_speed_at_which_a_joint_is_braked_is_said(predicted, restless_skill):
 
     predicted.change = change
     verdict = CheckFeasibility(Scenario(), restless_skill).verdict
-    assert "up to 110 % of their speed, at which they are braked, and" in verdict
+    assert "up to 110 % of the speed limits, at which joints are braked, and" in verdict
 
 
 def fast(ratio, count):

@@ -1,6 +1,6 @@
 """Facts about the four laws of the diagram, for the whole station.
 
-Who looks changes nothing; the state is the state; one datum has one owner; the law of
+Observing changes nothing; the state is the state; one datum has one owner; the law of
 the arm is computed at every control period.
 """
 
@@ -94,7 +94,7 @@ def look_at_everything(station, context):
                 system.get_output_port(i).Eval(own)
 
 
-# 1. Who looks changes nothing ---------------------------------------------------------
+# 1. Observing changes nothing ---------------------------------------------------------
 
 
 @pytest.mark.parametrize(

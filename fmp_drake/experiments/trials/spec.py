@@ -337,7 +337,7 @@ class TrialSpec:
 
 
 def own_files(fields: Mapping[str, Any]) -> list[Path]:
-    """Return the files on which a scenario depends, but for those of the package."""
+    """Return the files on which a scenario depends, except those of the package."""
     files: list[Path] = []
     for name in (*_FILES, "robot"):
         value: Any = fields

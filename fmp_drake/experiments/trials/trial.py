@@ -152,7 +152,7 @@ def on_board_rms(trial: Trial) -> float:
 def calm_fraction(trial: Trial) -> float:
     """Return the fraction of the time in contact within 5 N of the desired force.
 
-    Disturbances do not count, but in stores of older versions. 0 without contact, NaN in
+    Disturbances are not counted, except in stores of older versions. 0 without contact, NaN in
     free space.
     """
     m: Mapping[str, Any] = trial.metrics or {}

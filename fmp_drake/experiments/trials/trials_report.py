@@ -247,7 +247,7 @@ class TrialsReport:
             name="success",
             title="Success rate against each parameter",
             shows="Points are success rates with their 95 % intervals, the grey line is the "
-            "rate of all trials, and an orange tick is a failed trial, of numbers in bins.",
+            "rate of all trials, and an orange tick is a failed trial. Numbers are binned.",
             figure=draw_success(
                 parameters, [not self._faults[t.number] for t in self._run]
             ),

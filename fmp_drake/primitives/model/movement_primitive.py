@@ -428,7 +428,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
     ) -> TrackedRhythm | None:
         """Choose the model: return the rhythm to learn, None for the mixture."""
         if self.model == "mixture":
-            self.model_reason_ = "it was asked for"
+            self.model_reason_ = "it was requested"
             return None
         count = self.n_components
         is_small = count != "automatic" and count < LEAST_COMPONENTS
@@ -457,8 +457,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
             )
             return None
         self.model_reason_ = (
-            f"{result.track.cycles:.1f} cycles, of which one cycle and its tempo explain "
-            f"{100 * (1 - result.track.unexplained):.1f} %"
+            f"{result.track.cycles:.1f} cycles; one cycle with a varying tempo explains "
+            f"{100 * (1 - result.track.unexplained):.1f} % of their variance"
         )
         return result
 

@@ -17,7 +17,7 @@ _DISTANCE_WEIGHT = 0.2
 # Width of the kernel over similar pasts or windows relative to the variance of the recordings,
 # and greatest number of them that count.
 _KERNEL_WIDTH, _MOST_SIMILAR = 0.002, 60
-# Samples in which an offset to the present, and one of the velocity, decay.
+# Time constants, in samples, with which the offsets to the present value and velocity decay.
 _DECAY, _VELOCITY_DECAY = 20.0, 4.0
 # Number of last velocities that an extrapolation uses.
 _VELOCITIES = 5

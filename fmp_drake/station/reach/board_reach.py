@@ -75,9 +75,9 @@ class FollowingBounds:
         half of them the whole motion.
     unsteady : float
         Fraction of the samples at which poses out of reach, braked joints and singularities
-        may change the normal force by more than its tolerance. Runs are worse: of five with
-        0.0013 to 0.0064 four were outside the tolerance for 5.5 to 6.7 % of the time, of ten
-        with 0.0007 or less none for more than 4 %.
+        may change the normal force by more than its tolerance. Runs exceed the prediction:
+        four of five with 0.0013 to 0.0064 were outside the tolerance for 5.5 to 6.7 % of the
+        time, and none of ten with 0.0007 or less for more than 4 %.
     lift : float
         Height to which a push may lift the eraser, in tolerances: 8 cm alone are 10 mm rms in
         a run of 30 s. Three runs with 8.0 or 8.1 cm had 10.0 to 10.4 mm, two with 7.3 cm had

@@ -54,7 +54,7 @@ def predict_deviation(
     accelerates the eraser too little, which is the term N (q̈ − a): q is the predicted
     motion, and a the acceleration of the posture. The same holds where other joints should
     compensate for one at its limit. K contains the felt along the normal, as long as there
-    is contact. An implicit Euler step leads from sample to sample. The controller of the
+    is contact. It is integrated by one implicit Euler step per sample. The controller of the
     normal force reduces the error, if enabled, and is assumed to keep the contact.
 
     Parameters

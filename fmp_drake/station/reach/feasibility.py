@@ -44,7 +44,7 @@ class Feasibility:
     ----------
     is_feasible : bool
     verdict : str
-        One line: the decisive numbers, and, where it was looked for, the smallest change
+        One line: the decisive numbers and, where it was requested, the smallest change
         with which the check passes.
     values : dict
         ``reachable_fraction`` of the samples; ``largest_distance`` (m) and
@@ -256,12 +256,12 @@ class _Check:
         )
         values |= self._judge_pushes(motion)
         speed, torque = values["largest_speed_ratio"], values["largest_torque_ratio"]
-        braked = ", at which they are braked," if speed > 1 else ""
+        braked = ", at which joints are braked," if speed > 1 else ""
         verdict = (
             "The arm can follow this skill: it stays "
-            f"{values['smallest_joint_margin']:.2f} rad from its joints' limits and needs up "
-            f"to {100 * speed:.0f} % of their speed{braked} and {100 * torque:.0f} % of their "
-            "torque."
+            f"{values['smallest_joint_margin']:.2f} rad from its joint limits and needs up "
+            f"to {100 * speed:.0f} % of the speed limits{braked} and {100 * torque:.0f} % of "
+            "the torque limits."
         )
         if self._faults:
             verdict = f"The arm cannot follow this skill: {'; '.join(self._faults)}."

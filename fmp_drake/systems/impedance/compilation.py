@@ -83,7 +83,7 @@ def compile_step() -> None:
 
 
 def _leave_inside(stored: set[Any]) -> None:
-    """Compile the other functions only as parts of these, without code to call them.
+    """Compile all other functions only as parts of the stored ones, without code to call them.
 
     Python could not call them, so they are not stored in the cache. The code that reads
     Python's arguments is a fifth of all, and machine code of the parts another fifth.

@@ -151,5 +151,5 @@ def mode_in_words(
     if desired <= 0:
         return "busy", "no press force", "set one, so that the eraser wipes"
     if force < CONTACT_FORCE:
-        return "busy", "in the air", "comes down where the movement is on the board"
+        return "busy", "in the air", "comes down where the movement touches the board"
     return "good", "wiping", ""

@@ -323,7 +323,7 @@ def _continuous_angles(
     if wrapped:
         values[:, wrapped] = np.unwrap(values[:, wrapped], axis=0)
         listed = ", ".join(names[i] for i in wrapped)
-        remarks.append(f"{listed} continued where they jump by a revolution")
+        remarks.append(f"{listed} unwrapped where they jump by a revolution")
     return values
 
 

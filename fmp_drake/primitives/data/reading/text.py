@@ -205,7 +205,7 @@ def rows_of_one(
         return None
     if topic not in kinds:
         raise SkillFileError(
-            f"{path}: {name} alternates: its rows are of several things; "
+            f"{path}: {name} alternates: its rows come from several sources; "
             f"{topic_choice(kinds)}"
         )
     return np.asarray(column == topic)

@@ -160,8 +160,8 @@ class Rhythm:
         kinds = {part.kind for part in self.left_out}
         if "backwards" in kinds:
             out.append(
-                "the direction reverses: the shorter part, backwards, is left out; record "
-                "one direction, or choose a part (from, to)"
+                "the direction reverses: the shorter part, in the opposite direction, is "
+                "left out; record one direction, or choose a part (from, to)"
             )
         if "another movement" in kinds:
             out.append(
@@ -180,7 +180,7 @@ class Rhythm:
                 grows = "grows" if change > 0 else "falls"
                 out.append(
                     f"the {what} {grows} by {100 * abs(change):.0f} % of its mean: the skill "
-                    "plays the mean, and its samples vary by as much"
+                    "plays the mean, and its samples cover the same range"
                 )
         if self.drift > _LEAST_DRIFT:
             out.append(

@@ -331,7 +331,7 @@ def _best_attempt(
         raise DemonstrationError(
             refusals[0]
             if refusals
-            else "no part of it comes again in another cycle; record at least two full "
+            else "no part of it recurs in another cycle; record at least two full "
             f"cycles{' without gaps, in one recording' * (len(recordings) > 1)}."
         )
     best = min(acceptable, key=Attempt.cost)
