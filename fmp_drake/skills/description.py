@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from fmp_drake.primitives import (
     Rhythm,
     find_rhythm,
 )
+from fmp_drake.primitives.data.channels import listed
 from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import (
     DEFAULT_RATE,
@@ -33,11 +33,13 @@ _ENOUGH_CYCLES = 12
 _ENOUGH_WINDOWS = 7
 # Deviation of the tempo from its mean that is reported.
 _TEMPO = 0.15
+# Distance of a playback from the demonstrated range that is reported, relative to the widest
+# channel of the same unit. It is up to 0.2 for skills of few cycles that play well.
+_OUTSIDE = 0.3
 # Spread of the intervals between samples that is reported, relative to their median.
 _EVEN = 0.01
 # Duration of the playback that is described, and of the playback before it, s.
 _SECONDS = 8.0
-_MOST_NAMES = 12
 
 
 def model_in_words(skill: FourierMovementPrimitive) -> str:
@@ -62,7 +64,7 @@ def skill_in_words(skill: FourierMovementPrimitive) -> list[str]:
     """
     phase = skill.phase_model_
     remarks = _about_windows(skill) if phase is None else _about_cycles(skill, phase)
-    return [model_in_words(skill), *remarks, _about_playing(skill)]
+    return [model_in_words(skill), *remarks, *_about_playing(skill)]
 
 
 def source_in_words(skill: FourierMovementPrimitive) -> str:
@@ -124,30 +126,45 @@ def _about_cycles(skill: FourierMovementPrimitive, phase: PhaseModel) -> list[st
     return remarks
 
 
-def _about_playing(skill: FourierMovementPrimitive) -> str:
-    """Return extent, period and greatest speed of a playback of the means."""
+def _about_playing(skill: FourierMovementPrimitive) -> Iterator[str]:
+    """Yield extent, period and greatest speed of a playback of the means, and a warning."""
     player = Player(skill)
     start = skill.paths_[0][-1] if skill.paths_ else skill.extent_.mean(axis=0)
     seconds = _SECONDS if skill.phase_model_ is None else max(_SECONDS, skill.period_)
     motion = player.rollout(start, 2 * seconds)[round(seconds * skill.rate) :]
-    covers = ", ".join(
-        f"{name} {_range_in_words(low, high)} {'' if unit == '1' else unit}".rstrip()
-        for name, unit, low, high in zip(
-            skill.channels_,
-            skill.units_,
-            motion[:, 0].min(axis=0),
-            motion[:, 0].max(axis=0),
-            strict=True,
-        )
-    )
-    sentence = f"its playback covers {covers}"
+    played = np.stack([motion[:, 0].min(axis=0), motion[:, 0].max(axis=0)])
+    sentence = f"its playback covers {', '.join(_ranges_in_words(skill, played))}"
     if skill.phase_model_ is not None:
         sentence += f" with a period of {skill.period_:.1f} s"
     metres = [unit == "m" for unit in skill.units_]
     if any(metres):
         speed = float(np.linalg.norm(motion[:, 1, metres], axis=-1).max())
         sentence += f", at up to {speed:.2g} m/s"
-    return sentence
+    yield sentence
+    shown = skill.extent_
+    widths = np.ptp(shown, axis=0)
+    widest = [
+        max(w for w, u in zip(widths, skill.units_, strict=True) if u == unit)
+        for unit in skill.units_
+    ]
+    outside = np.maximum(shown[0] - played[0], played[1] - shown[1])
+    far = np.flatnonzero(outside > _OUTSIDE * np.array(widest))
+    if len(far):
+        ranges = _ranges_in_words(skill, shown)
+        yield (
+            "the playback leaves the demonstrated range "
+            f"({', '.join(ranges[i] for i in far)}): record more cycles before a robot plays it"
+        )
+
+
+def _ranges_in_words(skill: FourierMovementPrimitive, ends: Array) -> list[str]:
+    """Return the range of each channel, from its ends (2, D)."""
+    return [
+        f"{name} {_range_in_words(low, high)} {'' if unit == '1' else unit}".rstrip()
+        for name, unit, (low, high) in zip(
+            skill.channels_, skill.units_, ends.T, strict=True
+        )
+    ]
 
 
 def _range_in_words(low: float, high: float) -> str:
@@ -186,17 +203,17 @@ def describe_recording(demonstration: Demonstration, **options: Any) -> list[str
     )
     if np.ptp(steps) > _EVEN * np.median(steps):
         rate += f"; intervals from {steps.min():.3g} to {steps.max():.3g} ms"
+    learned, placing = _placed_in_words(demonstration, **options)
     rhythm: Rhythm | None = None
     try:
-        rhythm = find_rhythm(demonstration, **options)
+        rhythm = find_rhythm(learned, **options)
         cycles = "; ".join(rhythm.describe())
     except DemonstrationError as error:
         cycles = f"none found: {error}"
     try:
         limits = options.get("start_time"), options.get("end_time")
-        (part,) = cut_demonstrations([demonstration], *limits, DEFAULT_RATE)
-        learning = _learning_in_words(part, rhythm)
-        learning += _placing_in_words(demonstration, **options)
+        (part,) = cut_demonstrations([learned], *limits, DEFAULT_RATE)
+        learning = f"{_learning_in_words(part, rhythm)}; {placing}"
     except DemonstrationError as error:
         learning = f"not possible: {error}"
     return [
@@ -209,11 +226,9 @@ def describe_recording(demonstration: Demonstration, **options: Any) -> list[str
 
 def _channels_in_words(demonstration: Demonstration) -> Iterator[str]:
     """Yield the names of the channels of each unit."""
-    named = zip(demonstration.units, demonstration.channels, strict=True)
-    for unit, group in groupby(named, key=lambda pair: pair[0]):
-        names = [name for _, name in group]
-        more = f" and {len(names) - _MOST_NAMES} more" * (len(names) > _MOST_NAMES)
-        yield f"{', '.join(names[:_MOST_NAMES])}{more} ({unit})"
+    named = [*zip(demonstration.channels, demonstration.units, strict=True)]
+    for unit in dict.fromkeys(demonstration.units):
+        yield f"{listed([name for name, u in named if u == unit])} ({unit})"
 
 
 def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> str:
@@ -227,7 +242,9 @@ def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> s
     if rhythm is not None:
         return f"possible, from {rhythm.cycles:.1f} cycles"
     skill = FourierMovementPrimitive()
-    n_steps = skill.mixture_steps(int(demonstration.duration * skill.rate) + 1)
+    parts = demonstration.split_at_gaps(skill.rate) or [demonstration]
+    longest = max(part.duration for part in parts)
+    n_steps = skill.mixture_steps(int(longest * skill.rate) + 1)
     windows = as_windows(
         [demonstration],
         n_steps=n_steps,
@@ -238,10 +255,12 @@ def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> s
     return f"possible, from {len(windows.values)} windows of {seconds:g} s"
 
 
-def _placing_in_words(demonstration: Demonstration, **rhythm: Any) -> str:
-    """Return whether the path of a recording fits the board, after a semicolon."""
+def _placed_in_words(
+    demonstration: Demonstration, **rhythm: Any
+) -> tuple[Demonstration, str]:
+    """Return a recording on the board and remarks, or itself and why it does not fit."""
     try:
-        _, remarks = place_on_board(demonstration, scenario=Scenario(), **rhythm)
+        placed, remarks = place_on_board(demonstration, scenario=Scenario(), **rhythm)
     except DemonstrationError as error:
-        return f"; not for the board: {error}"
-    return "; " + "; ".join(remarks or ["on the board"])
+        return demonstration, f"not for the board: {error}"
+    return placed, "; ".join(remarks or ["on the board"])

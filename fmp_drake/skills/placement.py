@@ -16,6 +16,7 @@ from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
+    listed,
 )
 from fmp_drake.primitives.data.reading.columns import NO_POSITION, SEVERAL
 from fmp_drake.primitives.data.reading.table import columns_option
@@ -334,8 +335,9 @@ def _missing_position(demonstration: Demonstration, robot: str) -> str:
         if note.startswith(SEVERAL):
             return f"{note}, or learn all of them as they are (learn --as-recorded)"
     return (
-        f"the channels are {', '.join(demonstration.channels)}; the board needs x, y and "
-        f"z. {_advice_without_position(demonstration, robot)}"
+        f"the channels are {listed(demonstration.channels)}; the board needs x, y and z, "
+        "or x and y of a drawing. "
+        f"{_advice_without_position(demonstration, robot)}"
     )
 
 
@@ -347,20 +349,21 @@ def _advice_without_position(demonstration: Demonstration, robot: str) -> str:
         return f"Joints of {' or '.join(others)}? Name it: --robot {others[0]}"
     if "rad" in units:
         advice = f"Joints of another robot than {robot}? Name it (learn --robot). "
-    if len(names) < len(POSITION_CHANNELS):
+    axes = POSITION_CHANNELS[: len(names)]
+    if len(axes) < 2:
         return f"{advice}Learn it as it is: learn --as-recorded"
     lengths = [n for n, unit in zip(names, units, strict=True) if unit == "m"]
-    are_lengths = len(lengths) >= len(POSITION_CHANNELS)
-    sources = lengths if are_lengths else ["COLUMN"] * len(POSITION_CHANNELS)
+    are_lengths = len(lengths) >= len(axes)
+    sources = lengths if are_lengths else ["COLUMN"] * len(axes)
     candidates = lengths if are_lengths else names
     named = [
         name
-        for axis in POSITION_CHANNELS
+        for axis in axes
         for name in [n for n in candidates if _is_axis(n, axis)][:1]
     ]
-    if len(named) == len(POSITION_CHANNELS):
+    if len(named) == len(axes):
         sources = named
-    example = columns_option(dict(zip(POSITION_CHANNELS, sources, strict=False)))
+    example = columns_option(dict(zip(axes, sources, strict=False)))
     return (
         f"{advice}Learn it as it is (learn --as-recorded), or, if they are among the "
         f"channels, name them, such as {example}"
@@ -371,10 +374,6 @@ def _is_axis(name: str, axis: str) -> bool:
     """Return whether a name may be that of a position along an axis: `tx_world`."""
     words = re.split(r"[\W_]+", name.lower())
     return bool({axis, f"t{axis}"} & {*words}) and not NO_POSITION.search(name.lower())
-
-
-def _listed(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def place_on_board(
@@ -424,9 +423,9 @@ def place_on_board(
     else:
         played = _played_channels(demonstration, is_placed=transform is None)
         demonstration = demonstration.select(played)
-        others = ", ".join(name for name in names if name not in played)
-        if others:
-            remarks.append(f"{others} left out: the board needs {_listed(played)}")
+        if others := [name for name in names if name not in played]:
+            needed = f"{', '.join(played[:-1])} and {played[-1]}"
+            remarks.append(f"{listed(others)} left out: the board needs {needed}")
     units = set(demonstration.select(POSITION_CHANNELS).units)
     if units != {"m"}:
         raise DemonstrationError(

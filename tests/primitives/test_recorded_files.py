@@ -613,6 +613,53 @@ def test_a_refusal_for_a_missing_time_gives_an_option_that_works(tmp_path):
     assert_allclose(found.values, files.PATH, atol=1e-12)
 
 
+def test_no_joint_is_advised_as_the_time(tmp_path):
+    # It increases, but not steadily.
+    rising = np.cumsum(1 + 10 * (files.TIME % 1 < 0.3))
+    text = files.lines(rising, files.TIME % 0.7, header="joint_1,joint_2")
+    with pytest.raises(FmpError, match="no column holds the time") as refusal:
+        read_demonstrations([files.write(tmp_path, text).path])
+    assert "--columns" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    "header", ["X,Y", "pos_x,pos_y", "x_pos,y_pos", "px,py", "X(mm),Y(mm)", "x_mm,y_mm"]
+)
+def test_a_table_may_hold_a_path_in_the_plane(header, tmp_path):
+    text = files.lines(files.TIME, *files.PATH.T[:2], header=f"time,{header}")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert (found.channels, found.units) == (("x", "y"), ("m", "m"))
+    factor = 1e-3 if "mm" in header else 1.0
+    assert_allclose(found.values, factor * files.PATH[:, :2], atol=1e-12)
+
+
+def test_paths_in_the_plane_are_named_where_there_are_several(tmp_path):
+    header = "time,left_x,left_y,right_x,right_y"
+    text = files.lines(files.TIME, *files.PATH.T[:2], *files.PATH.T[1:], header=header)
+    path = files.write(tmp_path, text).path
+    _, (remarks,) = read_demonstrations([path])
+    assert "choose with --columns x=left_x,y=left_y" in remarks
+
+
+def test_rows_of_several_points_of_a_body_are_not_mixed(tmp_path):
+    nodes, path = np.tile([4, 8], len(files.TIME)), np.repeat(files.PATH, 2, axis=0)
+    path[0::2] += 1.0
+    text = files.lines(
+        nodes, np.repeat(files.TIME, 2), *path.T, header="Node Number,t,X,Y,Z"
+    )
+    file = files.write(tmp_path, text).path
+    with pytest.raises(FmpError, match=r"Node Number alternates: .* among 4, 8"):
+        read_demonstrations([file])
+    (found,), _ = read_demonstrations([file], ReadingOptions(topic="8"))
+    assert_allclose(found.values, files.PATH, atol=1e-12)
+
+
+def test_a_topic_of_a_table_of_one_sensor_is_refused(tmp_path):
+    file = files.write(tmp_path, files.xyz(header="t,x,y,z")).path
+    with pytest.raises(FmpError, match="no column of sensors to choose 'hand' from"):
+        read_demonstrations([file], ReadingOptions(topic="hand"))
+
+
 @pytest.mark.parametrize("make", [files.lerobot_2, files.lerobot_3], ids=name_of)
 def test_a_dataset_has_a_demonstration_for_each_episode(make, tmp_path):
     found, remarks = read(make, tmp_path)

@@ -697,6 +697,31 @@ def test_recordings_of_one_cycle_each_are_learned_together():
     )
 
 
+def test_cycles_of_few_samples_are_joined_although_their_ends_are_steps_apart():
+    # The first and the last sample are within a step of rest, so that they are cut off.
+    turn = 2 * np.pi * 0.965 * np.arange(18) / 17
+    found = find_rhythm([demonstration(drop(turn + 0.02 * i)) for i in range(3)])
+    assert found.cycles == pytest.approx(2.9, abs=0.2)
+    assert len(found.bouts) == 3
+
+
+def test_channels_that_are_still_or_repeat_are_not_called_different():
+    truth = synthetic_recording(6)
+    noise = 5 * np.random.default_rng(2).standard_normal(len(truth.values))
+    still, repeated = 0 * noise + 3.0, truth.values[:, 0]
+    values = np.column_stack([truth.values, noise, still, repeated])
+    d = truth.values.shape[1]
+    found = find_rhythm(
+        Demonstration(
+            time=np.arange(len(values)) / RATE,
+            values=values,
+            channels=(*"xyz"[:d], "noise", "still", "repeated"),
+            units=("m",) * d + ("N",) * 3,
+        )
+    )
+    assert found.irregular == ("noise",)
+
+
 def test_recordings_that_end_elsewhere_are_not_joined():
     with pytest.raises(DemonstrationError, match="no part of it recurs"):
         find_rhythm(cycles_apart(5, turn=4.0))

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
+    Player,
     modulate_skill,
     save_skill,
 )
@@ -229,6 +230,43 @@ def test_an_extent_of_zero_has_no_sign():
 )
 def test_ranges_are_told_with_two_digits_of_their_difference(low, high, words):
     assert description._range_in_words(low, high) == words
+
+
+def test_windows_that_are_announced_do_not_cross_a_gap():
+    t = np.r_[0:5:0.05, 7:9:0.05]
+    once = 0.05 * np.column_stack([np.sin(t**1.7), np.cos(1.3 * t**1.2), 0 * t])
+    recording = Demonstration(time=t, values=once)
+    skill = FourierMovementPrimitive().fit(recording)
+    announced = f"{skill.n_windows_} windows of {skill.window:g} s"
+    assert announced in describe_recording(recording)[-1]
+
+
+def test_the_described_cycles_are_those_of_the_path_that_is_learned():
+    time = np.arange(0, 30, 0.05)
+    path = 0.1 * np.column_stack([np.cos(3 * time), np.sin(3 * time), 0 * time])
+    drifting = 3 * np.cumsum(np.random.default_rng(1).standard_normal(len(time)))
+    recording = Demonstration(
+        time=time,
+        values=np.column_stack([path, drifting]),
+        channels=("x", "y", "z", "temperature"),
+        units=("m", "m", "m", "1"),
+    )
+    alone = describe_recording(recording.select(["x", "y", "z"]))
+    assert describe_recording(recording)[2] == alone[2]
+
+
+def test_a_playback_outside_the_demonstrated_range_is_reported():
+    # Windows of two thirds of the only cycle.
+    phase = 2 * np.pi * np.arange(24) / 23.5
+    path = np.column_stack([0.027 * np.cos(phase), 0.049 * np.sin(phase)])
+    skill = FourierMovementPrimitive(rate=20, window=0.8).fit(path)
+    low, high = skill.extent_
+    played = Player(skill).rollout(path[-1], 16.0).position[160:]
+    outside = np.max(np.maximum(low - played, played - high), axis=0)
+    assert outside.max() > 0.3 * np.max(high - low)
+    assert "the playback leaves the demonstrated range (" in skill_in_words(skill)[-1]
+    closed = FourierMovementPrimitive(rate=20).fit(np.tile(path[:-1], (6, 1)))
+    assert not any("leaves" in words for words in skill_in_words(closed))
 
 
 def test_one_cycle_has_no_spread():

@@ -20,8 +20,17 @@ QUATERNION_CHANNELS = ("qx", "qy", "qz", "qw")
 FORCE_CHANNEL = "force"
 FORCE_COMPONENTS = ("force_x", "force_y", "force_z")
 
+# Most names that a message lists.
+_MOST_NAMES = 12
+
 Quaternion = tuple[float, float, float, float]
 ChannelScales = Literal["units"] | ArrayLike
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names separated by commas; only the first ones of very many."""
+    more = f" and {len(names) - _MOST_NAMES} more" * (len(names) > _MOST_NAMES)
+    return f"{', '.join(names[:_MOST_NAMES])}{more}"
 
 
 def default_channels(count: int) -> tuple[str, ...]:

@@ -469,13 +469,11 @@ class FourierMovementPrimitive(TrajectoryMixture):
             return True
         self.model_reason_ = (
             f"a window of {steps} samples of {self.n_channels_} channels has {count} "
-            f"values, and the phase model has at most {_MOST_VALUES}"
+            f"values, and the phase model has at most {_MOST_VALUES}: choose fewer channels "
+            "or a lower rate"
         )
         if self.model == "phase":
-            raise DemonstrationError(
-                f"{self.model_reason_}. Choose fewer channels, a lower rate or "
-                "model='mixture'."
-            )
+            raise DemonstrationError(f"{self.model_reason_}, or model='mixture'.")
         return False
 
     @property

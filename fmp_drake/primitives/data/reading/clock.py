@@ -22,6 +22,7 @@ _TIMES = (
     re.compile(r"(.*_)?(header_)?stamp"),
     re.compile(
         r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds)"
+        r"(_(mono(tonic)?|unix|utc))?"
         r"|zeit|zeitstempel|uhrzeit|datum"
     ),
 )
@@ -39,6 +40,8 @@ _MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
 # Samples that were received in bursts: least interval between bursts, in medians of all
 # intervals, least number of bursts relative to the samples, and fraction of the time between.
 _PAUSE, _BURSTS, _PAUSED = 10.0, 0.02, 0.8
+# Fraction of steps of a clock that are alike.
+_MOSTLY = 0.8
 # Steps backwards in time, in sample intervals, up to which samples are put in order.
 _LARGEST_STEP_BACK = 3.0
 
@@ -95,13 +98,22 @@ def _missing_time(
     """Return the error message for a missing time, with advice."""
     others = [remark for remark in remarks if remark.endswith("left out: not numeric")]
     beside = f" ({others[0]})" if others else ""
-    clock = next((c for c in columns if c.is_increasing and not c.is_counter), None)
+    clock = next((c for c in columns if _is_steady(c) and not c.is_counter), None)
     option = columns_option({"time": clock.source}) if clock else ""
     advice = f", or the column: {option}" if option else ""
     return (
         f"no column holds the time; {listed}"
         f"{beside}. Give the sample rate in Hz, such as --sample-rate 100{advice}"
     )
+
+
+def _is_steady(column: Column) -> bool:
+    """Return whether a column increases in steps that are mostly alike, as time does."""
+    if not column.is_increasing:
+        return False
+    steps = np.diff(column.values)
+    is_alike = np.abs(steps - np.median(steps)) <= 0.5 * np.median(steps)
+    return bool(np.mean(is_alike) > _MOSTLY)
 
 
 def _stamps(columns: Sequence[Column]) -> list[tuple[Column, ...]]:

@@ -342,7 +342,8 @@ def _channels(
     Position, orientation and force get standard names.
     """
     labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
-    positions = _groups([c for c in columns if _is_length(c)], _POSITION, "xyz")
+    lengths = [c for c in columns if _is_length(c)]
+    positions = _groups(lengths, _POSITION, "xyz") or _groups(lengths, _POSITION, "xy")
     if "l" in positions:  # Then r is the right hand, not a rotation.
         hands = _groups(columns, _POSITION, "xyz").items()
         positions |= {prefix: group for prefix, group in hands if prefix == "r"}
@@ -364,12 +365,12 @@ def _channels(
     for groups, axes in roles:
         if len(groups) == 1:
             (group,) = groups.values()
-            for column, name in zip(group, axes, strict=True):
+            for column, name in zip(group, axes, strict=False):
                 labels[column.number] = name
     if len(positions) > 1:
         prefix, group = next(iter(positions.items()))
         chosen = (*group, *orientations.get(prefix, ()))
-        pose = (*POSITION_CHANNELS, *QUATERNION_CHANNELS)
+        pose = (*POSITION_CHANNELS[: len(group)], *QUATERNION_CHANNELS)
         remarks.append(_choice("positions", positions, pose, chosen))
     elif len(joints) > 1:
         chosen = next(iter(joints.values()))

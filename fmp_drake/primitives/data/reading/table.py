@@ -42,7 +42,8 @@ _SUFFIXES = "|".join(
 )
 # Names of columns that only count, and names with the axis before the word `position`.
 _COUNTER = re.compile(
-    r"|unnamed_0|(.*_)?(index|idx|seq|frame|frame_number|sample|count|counter|row|no|id|i|n)"
+    r"|unnamed_0|(.*_)?(index|idx|seq|frame|frame_num(ber)?|(time)?steps?|iter(ation)?|sample"
+    r"|count|counter|row|no|num|id|i|n)"
 )
 _AXIS_FIRST = re.compile(
     r"(^|.*_)([xyz])_?(?:pos(?:ition)?|axis|coord(?:inate)?|tcp|eef?|actual)$"

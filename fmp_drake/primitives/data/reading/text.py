@@ -52,8 +52,8 @@ _UNIT = re.compile(
 )
 # Names of columns of numbers that identify a sensor, and the greatest number of sensors.
 SOURCE_NAME = re.compile(
-    r"(.*_)?(device|sensor|source|marker|body|hand|controller|tracker|object|serial)"
-    r"(_?id|_?index|_?no|_?number)?",
+    r"(.*[ _])?(device|sensor|source|marker|body|hand|controller|tracker|object|serial|node"
+    r"|landmark|keypoint|joint|person)([ _]?(id|index|no|number))?",
     re.IGNORECASE,
 )
 _MOST_SOURCES = 20
@@ -137,8 +137,13 @@ def table_of_lines(
             unused.add(i)
             remarks.append(f"only rows with {topic} as {labels[i]}")
             break
+    else:
+        if topic:
+            raise SkillFileError(
+                f"{path} has no column of sensors to choose {topic!r} from; leave out --topic."
+            )
     columns = [i for i in range(width) if i not in unused.union(words)]
-    if delimiter != "," or rows.has_commas:
+    if len(header) > 1 and (delimiter != "," or rows.has_commas):
         remarks.append(
             f"{'decimal commas, ' if rows.has_commas else ''}{_DELIMITERS[delimiter]} "
             "between the columns"

@@ -9,9 +9,9 @@ import numpy as np
 from fmp_drake.numeric import Array
 from fmp_drake.primitives.model.phase.rhythm import Part
 
-# Greatest distance between the end of one recording and the beginning of the next,
-# relative to the size of the movement.
-_CLOSED = 0.3
+# Greatest distance between the end of one recording and the beginning of the next: relative to
+# the size of the movement, and in steps from sample to sample.
+_CLOSED, _STEPS = 0.3, 3.0
 # Pause at an end, relative to the remainder of the recording, that is not reported.
 _SHORT = 0.1
 
@@ -92,7 +92,7 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
     for before, loop in pairwise(loops):
         gap = loop[0] - before[-1]
         distance = float(np.linalg.norm(gap[columns]))
-        if distance > _CLOSED * size:
+        if distance > max(_CLOSED * size, _STEPS * step):
             return None
         count = round(distance / step)
         if not count:

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from fmp_drake.numeric import Array, Indices
+from fmp_drake.primitives.data.channels import listed
 from fmp_drake.primitives.model.phase.segmentation import (
     BACKWARDS,
     FORWARDS,
@@ -154,7 +155,7 @@ class Rhythm:
         out = []
         if self.irregular:
             out.append(
-                f"these channels differ from cycle to cycle: {', '.join(self.irregular)}; "
+                f"these channels differ from cycle to cycle: {listed(self.irregular)}; "
                 "the cycles are those of the other channels"
             )
         kinds = {part.kind for part in self.left_out}

@@ -68,6 +68,9 @@ _LEAST_OTHER = 1.5
 _NOISE, _POWER = 0.5, 0.02
 # Misfit of a subset of channels relative to that of all, below which it is preferred.
 _FEWER_CHANNELS = 0.75
+# Fraction of the variance of another channel that its cycle leaves unexplained, above which
+# it differs from cycle to cycle.
+_IRREGULAR = 0.5
 # Units of the channels that are searched separately, in this order.
 _MOTION_UNITS = ("m", "rad")
 
@@ -204,9 +207,14 @@ def search_rhythm(
     _, columns, tracked, parts = best
     parts = [replace(part, recording=order[part.recording]) for part in parts]
     bouts, left_out = split_kinds(sorted(parts, key=lambda p: (p.recording, p.start)))
-    irregular = (name for i, name in enumerate(units) if i not in columns)
+    remaining = tracked.track.unexplained_fractions()
+    irregular = tuple(
+        name
+        for i, name in enumerate(units)
+        if i not in columns and remaining[i] > _IRREGULAR
+    )
     rhythm = replace(
-        tracked.rhythm, bouts=bouts, left_out=left_out, irregular=tuple(irregular)
+        tracked.rhythm, bouts=bouts, left_out=left_out, irregular=irregular
     )
     return tracked._replace(rhythm=rhythm)
 

@@ -90,6 +90,12 @@ class PhaseTrack:
         errors = np.concatenate(self.residuals()) - np.concatenate(self.shifts)
         return self._fraction(errors)
 
+    def unexplained_fractions(self) -> Array:
+        """Return the fractions of the variance of each channel, shape (D,), of a still one 0."""
+        errors = np.concatenate(self.residuals()) - np.concatenate(self.shifts)
+        total = np.concatenate(self.recordings).var(axis=0)
+        return np.asarray(np.mean(errors**2, axis=0) / np.maximum(total, 1e-18))
+
     @property
     def shifted(self) -> float:
         """The fraction of the variance that slow shifts of the centre take."""
