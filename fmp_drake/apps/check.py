@@ -20,6 +20,7 @@ from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs import check_arm
 from fmp_drake.skills import scenario_skill
+from fmp_drake.skills.description import outside_in_words
 from fmp_drake.station import CheckFeasibility
 
 
@@ -60,7 +61,7 @@ def check(
     )
     scene.check(scenario, skill)
     feasibility = CheckFeasibility(scenario, skill)
-    for line in (*remarks, feasibility.verdict):
+    for line in (*remarks, *outside_in_words(skill), feasibility.verdict):
         console.print(line)
     findings = [] if arm is None else check_arm(scenario, arm_config(arm))
     for is_good, text in findings:

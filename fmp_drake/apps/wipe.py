@@ -43,7 +43,11 @@ from fmp_drake.runs.events import ADVICE
 from fmp_drake.runs.real_time import request_priority
 from fmp_drake.runs.simulation_loop import advance, reset
 from fmp_drake.skills import scenario_skill
-from fmp_drake.skills.description import model_in_words, source_in_words
+from fmp_drake.skills.description import (
+    model_in_words,
+    outside_in_words,
+    source_in_words,
+)
 from fmp_drake.station import Scenario
 from fmp_drake.station.page import describe_page
 from fmp_drake.station.reach.feasibility import CheckFeasibility, Feasibility
@@ -197,6 +201,7 @@ def wipe(
             *remarks,
             f"skill of {source_in_words(skill)}, ready after {learn_seconds:.2f} s",
             model_in_words(skill),
+            *outside_in_words(skill),
         ):
             say(console, panel, text)
         feasibility = CheckFeasibility(scenario, skill)

@@ -21,6 +21,7 @@ from fmp_drake.primitives.data.windows import (
     DEFAULT_RATE,
     as_windows,
     cut_demonstrations,
+    extent_of,
 )
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.skills.placement import place_on_board
@@ -64,7 +65,29 @@ def skill_in_words(skill: FourierMovementPrimitive) -> list[str]:
     """
     phase = skill.phase_model_
     remarks = _about_windows(skill) if phase is None else _about_cycles(skill, phase)
-    return [model_in_words(skill), *remarks, *_about_playing(skill)]
+    sentences = [model_in_words(skill), *remarks, _about_playing(skill)]
+    return sentences + outside_in_words(skill)
+
+
+def outside_in_words(skill: FourierMovementPrimitive) -> list[str]:
+    """Return a warning where a playback of the means leaves the demonstrated range."""
+    if not skill.paths_:
+        return []
+    shown, played = skill.extent_, extent_of([_playback(skill)[:, 0]])
+    widths = np.ptp(shown, axis=0)
+    widest = [
+        max(w for w, u in zip(widths, skill.units_, strict=True) if u == unit)
+        for unit in skill.units_
+    ]
+    outside = np.maximum(shown[0] - played[0], played[1] - shown[1])
+    ranges = _ranges_in_words(skill, shown)
+    far = np.flatnonzero(outside > _OUTSIDE * np.array(widest))
+    return [
+        (
+            f"the playback leaves the demonstrated range ({', '.join(ranges[i] for i in far)}): "
+            "record more cycles before a robot plays it"
+        )
+    ] * bool(len(far))
 
 
 def source_in_words(skill: FourierMovementPrimitive) -> str:
@@ -126,35 +149,26 @@ def _about_cycles(skill: FourierMovementPrimitive, phase: PhaseModel) -> list[st
     return remarks
 
 
-def _about_playing(skill: FourierMovementPrimitive) -> Iterator[str]:
-    """Yield extent, period and greatest speed of a playback of the means, and a warning."""
-    player = Player(skill)
+def _playback(skill: FourierMovementPrimitive) -> Array:
+    """Return a steady playback of the means, shape (n, 3, D)."""
     start = skill.paths_[0][-1] if skill.paths_ else skill.extent_.mean(axis=0)
     seconds = _SECONDS if skill.phase_model_ is None else max(_SECONDS, skill.period_)
-    motion = player.rollout(start, 2 * seconds)[round(seconds * skill.rate) :]
-    played = np.stack([motion[:, 0].min(axis=0), motion[:, 0].max(axis=0)])
-    sentence = f"its playback covers {', '.join(_ranges_in_words(skill, played))}"
+    motion = Player(skill).rollout(start, 2 * seconds)
+    return motion[round(seconds * skill.rate) :]
+
+
+def _about_playing(skill: FourierMovementPrimitive) -> str:
+    """Return extent, period and greatest speed of a playback of the means."""
+    motion = _playback(skill)
+    ranges = _ranges_in_words(skill, extent_of([motion[:, 0]]))
+    sentence = f"its playback covers {', '.join(ranges)}"
     if skill.phase_model_ is not None:
         sentence += f" with a period of {skill.period_:.1f} s"
     metres = [unit == "m" for unit in skill.units_]
     if any(metres):
         speed = float(np.linalg.norm(motion[:, 1, metres], axis=-1).max())
         sentence += f", at up to {speed:.2g} m/s"
-    yield sentence
-    shown = skill.extent_
-    widths = np.ptp(shown, axis=0)
-    widest = [
-        max(w for w, u in zip(widths, skill.units_, strict=True) if u == unit)
-        for unit in skill.units_
-    ]
-    outside = np.maximum(shown[0] - played[0], played[1] - shown[1])
-    far = np.flatnonzero(outside > _OUTSIDE * np.array(widest))
-    if len(far):
-        ranges = _ranges_in_words(skill, shown)
-        yield (
-            "the playback leaves the demonstrated range "
-            f"({', '.join(ranges[i] for i in far)}): record more cycles before a robot plays it"
-        )
+    return sentence
 
 
 def _ranges_in_words(skill: FourierMovementPrimitive, ends: Array) -> list[str]:

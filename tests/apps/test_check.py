@@ -3,6 +3,7 @@
 import json
 
 import matplotlib.image
+import numpy as np
 import pytest
 
 FAR = "board:\n  translation: [0.80, 0.0, 0.10]\n"
@@ -33,6 +34,16 @@ def test_infeasible_skill_ends_with_a_code_and_a_picture(command, outputs, far):
     assert result.code == 1
     assert "cm towards the arm" in " ".join(result.out.split())
     assert plot.stat().st_size > 0
+
+
+def test_a_skill_that_leaves_its_demonstrations_is_reported(command, tmp_path):
+    # Windows of two thirds of the only cycle.
+    phase = 2 * np.pi * np.arange(24) / 23.5
+    path = np.column_stack([0.05 * np.cos(phase), 0.09 * np.sin(phase), 0 * phase])
+    recording = tmp_path / "lap.npz"
+    np.savez(recording, time=np.arange(24) / 20, position=path)
+    out = command("check", "--demo", recording, "--window", 0.8).out
+    assert "the playback leaves the demonstrated range (" in " ".join(out.split())
 
 
 def test_start_that_is_out_of_reach_cannot_be_followed(command):

@@ -56,7 +56,7 @@ SCRIPT = Path(sys.executable).parent / "fmp-drake"
         (("--demo", "a.npz", "--skill", "b.npz"), "not both"),
         (
             ("--skill", "b.npz", "--stretch", 2, "--unit", "mm"),
-            "leave out options of l",
+            "leave out the options for l",
         ),
         (("--scenario", "pulsing_force", "--press-force", 3), "its own normal force"),
         (("--scenario", "stir", "--press-force", 3), "there is no board"),

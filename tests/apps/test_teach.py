@@ -57,7 +57,10 @@ def test_effect_of_each_button_is_described(command, outputs, monkeypatch):
     monkeypatch.setattr("fmp_drake.apps.teach.open_page", open_and_press)
     result = command("teach", "--duration", 0.2, "--out", outputs / "a.npz")
     assert result.code == 0
-    assert "learn: show 12 s more: two windows of 6 s" in result.out
+    assert (
+        "learn: show 12 s more: learning needs at least two windows of 6 s"
+        in result.out
+    )
     # The page says that the program has ended, and offers no arm to drag.
     assert panels[0].shown["ended"]
     assert panels[0].shown["grab"] == ""

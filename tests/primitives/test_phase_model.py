@@ -176,7 +176,7 @@ def test_many_channels_are_learned_by_the_mixture_or_refused_with_what_to_do():
     assert skill.fit(values).model_ == "mixture"
     assert "60 samples of 30 channels has 1800 values" in skill.model_reason_
     skill.set_params(model="phase")
-    with pytest.raises(DemonstrationError, match=r"at most 1500.*Choose fewer chan"):
+    with pytest.raises(DemonstrationError, match=r"at most 1500.*choose fewer chan"):
         skill.fit(values)
 
 
