@@ -169,7 +169,7 @@ class Film:
             self.shoot(words)
         self.page.mouse("pressed", *self.at)
         self.page.mouse("released", *self.at)
-        while self.buttons.attend(self.session) != name:
+        while self.buttons.press_clicked_button(self.session) != name:
             self._wait("looked()")
 
     def save(self, path):

@@ -85,7 +85,7 @@ def open_page(
     return panel
 
 
-def get_ready(panel: PagePanel, scenario: Scenario) -> None:
+def show_preparation(panel: PagePanel, scenario: Scenario) -> None:
     """Show a scenario at rest during learning and compilation."""
     panel.show(
         mode="getting ready",

@@ -19,7 +19,7 @@ from fmp_drake.apps.options import (
     host_option,
     option,
 )
-from fmp_drake.apps.page import ended_page, get_ready, make_console, open_page
+from fmp_drake.apps.page import ended_page, make_console, open_page, show_preparation
 from fmp_drake.apps.terminal import has_terminal
 from fmp_drake.errors import FmpError, StationError
 from fmp_drake.primitives import save_skill
@@ -94,7 +94,7 @@ def teach(to: TeachOptions) -> None:
         return
     panel = open_page(title=f"teach: {Path(to.scenario).stem}", host=to.host)
     with ended_page(panel):
-        get_ready(panel, scene)
+        show_preparation(panel, scene)
         console.print(f"teach it at {panel.url}; Ctrl-C ends")
         with console.status("getting ready"):
             WarmUp(lambda fraction: panel.show(progress=fraction))
@@ -109,7 +109,7 @@ def teach(to: TeachOptions) -> None:
         steps = count() if to.duration is None else range(round(to.duration / _STEP))
         for step in steps:
             session.advance(_STEP)
-            if button := page.attend(session):
+            if button := page.press_clicked_button(session):
                 console.print(f"{button}: {session.remark or session.status}")
             elif step % round(_UPDATE_PERIOD / _STEP) == 0:
                 page.show(session)

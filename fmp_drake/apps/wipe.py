@@ -25,12 +25,12 @@ from fmp_drake.apps.options import (
 from fmp_drake.apps.page import (
     advice,
     ended_page,
-    get_ready,
     is_watched,
     make_console,
     open_page,
     print_table,
     say,
+    show_preparation,
     show_progress,
     wait_for_click,
     wait_for_law,
@@ -185,7 +185,7 @@ def wipe(
         panel = open_page(announce, title=title, host=page.host)
     with ended_page(panel):
         if panel is not None and config is None and not page.headless:
-            get_ready(panel, scenario)
+            show_preparation(panel, scenario)
         start = time.perf_counter()
         skill, demonstrations, remarks = scenario_skill(
             scenario,
@@ -312,7 +312,7 @@ def _simulate(
             panel=run.panel,
             advance_to=run.advance_to,
             on_reset=partial(_restart, run, panel),
-            goes_on=partial(_continues, panel, play, choice),
+            keep_running=partial(_continues, panel, play, choice),
         )
         if panel is not None:
             times = _show_events(times, run, panel, rate)

@@ -100,7 +100,7 @@ def advance(
     panel: PagePanel | None = None,
     advance_to: Callable[[float], object] | None = None,
     on_reset: Callable[[], None] | None = None,
-    goes_on: Callable[[], bool] | None = None,
+    keep_running: Callable[[], bool] | None = None,
 ) -> Iterator[float]:
     """Advance a simulation in intervals of 0.1 s; yield its time after each.
 
@@ -121,7 +121,7 @@ def advance(
         Called with the time to advance to; by default ``simulator.AdvanceTo``.
     on_reset : callable, optional
         Called after a reset, to restore state outside the Context.
-    goes_on : callable, optional
+    keep_running : callable, optional
         Returns whether the simulation continues after `until`; it does not by default.
     """
     with ExitStack() as stack:
@@ -130,7 +130,9 @@ def advance(
             buttons = stack.enter_context(RunButtons(meshcat, panel))
         context = simulator.get_context()
         simulator.Initialize()
-        while context.get_time() < until or (goes_on is not None and goes_on()):
+        while context.get_time() < until or (
+            keep_running is not None and keep_running()
+        ):
             if buttons is not None:
                 if buttons.was_clicked(buttons.STOP):
                     return

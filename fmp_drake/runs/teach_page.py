@@ -139,7 +139,7 @@ class TeachPage:
             fields["buttons"] = {n: {**buttons[n], "enabled": False} for n in names}
         self._panel.show(**fields)
 
-    def attend(self, session: TeachingSession) -> str | None:
+    def press_clicked_button(self, session: TeachingSession) -> str | None:
         """Press the button that was clicked since the last call, and return its name."""
         for name, clicks_before in self._clicks.items():
             clicks = self._panel.meshcat.GetButtonClicks(name)

@@ -114,8 +114,8 @@ def FindRobot(demonstration: Demonstration, *, robot: str) -> str | None:
     return None
 
 
-def ArmOfInverseTurns(demonstration: Demonstration) -> str:
-    """Return the bundled robot whose joints turn like the inverse of the orientation, or "".
+def FindRobotOfInverseRotation(demonstration: Demonstration) -> str:
+    """Return the bundled robot that turns like the inverse of the orientation, or "".
 
     A quaternion whose elements are read in the wrong order is the inverse of the right one,
     up to constant rotations. How the robot and the tool are mounted is unknown as well,

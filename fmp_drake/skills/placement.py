@@ -23,9 +23,9 @@ from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
 from fmp_drake.skills.contact import samples_in_bouts
 from fmp_drake.skills.joint_recording import (
-    ArmOfInverseTurns,
     EraserPath,
     FindRobot,
+    FindRobotOfInverseRotation,
     RobotJoints,
 )
 from fmp_drake.skills.surface_fit import front_axis
@@ -299,7 +299,7 @@ def load_as_recorded(
     reading = reading or ReadingOptions()
     demonstrations, remarks = read_demonstrations(paths, reading)
     if reading.quaternions is None:
-        robots = set(map(ArmOfInverseTurns, demonstrations)) - {""}
+        robots = set(map(FindRobotOfInverseRotation, demonstrations)) - {""}
         if robots:
             reading = replace(reading, quaternions="wxyz")
             demonstrations, remarks = read_demonstrations(paths, reading)

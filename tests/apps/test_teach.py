@@ -172,7 +172,7 @@ def test_arm_taught_by_dragging_wipes_after_learning(tmp_path, person):
             hand.press(*page.wait_for(MIDDLE % name))
             patience = time.monotonic() + 5
             while pressed is None and time.monotonic() < patience:
-                pressed = buttons.attend(session)
+                pressed = buttons.press_clicked_button(session)
                 time.sleep(0.05)
         assert pressed == name
 

@@ -196,7 +196,7 @@ def test_the_function_that_advances_may_be_given():
 def test_run_continues_while_a_function_returns_true():
     simulator, _ = make()
     answers = iter([True, True, False])
-    times = run(simulator, 0.25, goes_on=lambda: next(answers))
+    times = run(simulator, 0.25, keep_running=lambda: next(answers))
     assert times == pytest.approx([0.1, 0.2, 0.25, 0.3, 0.4])
 
 

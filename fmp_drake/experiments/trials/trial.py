@@ -149,7 +149,7 @@ def on_board_rms(trial: Trial) -> float:
     return float(m.get("tracking_on_board_rms_m", m.get("tracking_rms_m", 0.0)))
 
 
-def calm_fraction(trial: Trial) -> float:
+def undisturbed_force_fraction(trial: Trial) -> float:
     """Return the fraction of the time in contact within 5 N of the desired force.
 
     Disturbances are not counted, except in stores of older versions. 0 without contact, NaN in
@@ -220,7 +220,7 @@ def _judged(trial: Trial, duration: float) -> Iterator[Fault]:
         # Stores of older versions do not tell the time of disturbances.
         default = 1.0 if is_pushed else fraction
         calm = value("normal_force_undisturbed_fraction", default)
-        if calm_fraction(trial) == 0:
+        if undisturbed_force_fraction(trial) == 0:
             calm = 0.0
         text = (
             f"presses within 5 N of the desired {desired:.1f} N for {100 * calm:.1f} % of "

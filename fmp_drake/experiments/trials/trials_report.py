@@ -20,12 +20,12 @@ from fmp_drake.experiments.trials.trial import (
     MOST_TILT,
     MOST_TILT_WITH_FRICTION,
     Trial,
-    calm_fraction,
     faults,
     largest_push,
     misses_by_height,
     on_board_rms,
     pushes,
+    undisturbed_force_fraction,
 )
 from fmp_drake.numeric import is_number
 from fmp_drake.plots.style import (
@@ -204,7 +204,7 @@ class TrialsReport:
         high = [t.number for t in self._run if misses_by_height(t)]
         errors = {
             name: [
-                (on_board_rms(t) / t.tolerance, calm_fraction(t))
+                (on_board_rms(t) / t.tolerance, undisturbed_force_fraction(t))
                 for t in trials
                 if t.metrics
             ]

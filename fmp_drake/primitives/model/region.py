@@ -120,7 +120,7 @@ class DemonstratedRegion:
             remaining = remaining[~fits]
         return fractions
 
-    def largest_parts(
+    def largest_channel_fractions(
         self, steady: Array, deviations: Array, *, others: float
     ) -> Array:
         """Return the largest parts of the deviations of each channel, shape (S, D).

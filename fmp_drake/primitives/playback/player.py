@@ -420,7 +420,7 @@ class Player:
         steady, values = steady[..., :ticks, :], values[:, :ticks]
         if region is not None:
             others = 1.0 if skill.phase_model_ is None else 1 / widening
-            parts = region.largest_parts(steady, values, others=others)
+            parts = region.largest_channel_fractions(steady, values, others=others)
             deviation *= np.repeat(parts, skill.n_steps, axis=1)
             values *= parts[:, None]
         values += steady

@@ -94,7 +94,7 @@ class _Rest(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Continued:
+class WithoutPauses:
     """Recordings as if the movement went on without pauses.
 
     Attributes
@@ -137,7 +137,9 @@ class Continued:
         return out
 
 
-def without_pauses(recordings: Sequence[Array], columns: list[int]) -> list[Continued]:
+def without_pauses(
+    recordings: Sequence[Array], columns: list[int]
+) -> list[WithoutPauses]:
     """Cut the pauses out of recordings (n, D).
 
     There are two results where pauses seem to be at the top of lifts: without these lifts, and
@@ -171,7 +173,7 @@ def without_pauses(recordings: Sequence[Array], columns: list[int]) -> list[Cont
         values = [
             y[label == _KEPT] for y, label in zip(recordings, labels, strict=True)
         ]
-        out.append(Continued(values=values, labels=labels))
+        out.append(WithoutPauses(values=values, labels=labels))
     return out
 
 
