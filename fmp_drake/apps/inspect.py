@@ -19,7 +19,7 @@ from fmp_drake.errors import DemonstrationError
 from fmp_drake.plots import plot_demonstrations
 from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives import find_rhythm, read_demonstrations
-from fmp_drake.skills.description import describe_recording
+from fmp_drake.skills.description import board_part, describe_recording
 
 # Options that a refusal names, with which the recording can be learned.
 _ADVICE = re.compile(r"--(?:robot|unit) \w+|--as-recorded")
@@ -68,7 +68,9 @@ def inspect(
     is_needed = len(recordings) > 1 or picture.plot is not None
     if is_needed and len({d.channels for d in recordings}) == 1:
         try:
-            found = find_rhythm(recordings, **vars(rhythm))
+            parts = [board_part(d, **vars(rhythm))[0] for d in recordings]
+            is_common = len({part.channels for part in parts}) == 1
+            found = find_rhythm(parts if is_common else recordings, **vars(rhythm))
             text = "; ".join(found.describe())
         except DemonstrationError as error:
             text = f"no cycles found: {error}"

@@ -81,7 +81,8 @@ def outside_in_words(skill: FourierMovementPrimitive) -> list[str]:
     ]
     outside = np.maximum(shown[0] - played[0], played[1] - shown[1])
     ranges = _ranges_in_words(skill, shown)
-    far = np.flatnonzero(outside > _OUTSIDE * np.array(widest))
+    rounding = 1e-6 * (1 + np.max(np.abs(shown), axis=0))
+    far = np.flatnonzero(outside > np.maximum(_OUTSIDE * np.array(widest), rounding))
     return [
         (
             f"the playback leaves the demonstrated range ({', '.join(ranges[i] for i in far)}): "
@@ -217,7 +218,7 @@ def describe_recording(demonstration: Demonstration, **options: Any) -> list[str
     )
     if np.ptp(steps) > _EVEN * np.median(steps):
         rate += f"; intervals from {steps.min():.3g} to {steps.max():.3g} ms"
-    learned, placing = _placed_in_words(demonstration, **options)
+    learned, placing = board_part(demonstration, **options)
     rhythm: Rhythm | None = None
     try:
         rhythm = find_rhythm(learned, **options)
@@ -269,12 +270,17 @@ def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> s
     return f"possible, from {len(windows.values)} windows of {seconds:g} s"
 
 
-def _placed_in_words(
+def board_part(
     demonstration: Demonstration, **rhythm: Any
 ) -> tuple[Demonstration, str]:
-    """Return a recording on the board and remarks, or itself and why it does not fit."""
+    """Return the channels of a recording that are learned for the board, and remarks.
+
+    They are all channels where it does not fit the board, or is converted by kinematics.
+    """
     try:
         placed, remarks = place_on_board(demonstration, scenario=Scenario(), **rhythm)
     except DemonstrationError as error:
         return demonstration, f"not for the board: {error}"
-    return placed, "; ".join(remarks or ["on the board"])
+    played = [n for n in demonstration.channels if n in placed.channels]
+    part = demonstration.select(played) if played else demonstration
+    return part, "; ".join(remarks or ["on the board"])

@@ -416,6 +416,8 @@ def place_on_board(
                 units=(*flat.units, flat.units[0]),
             )
             remarks.append("x and y without z: taken as a drawing on the board")
+            if others := [name for name in names if name not in flat.channels]:
+                remarks.append(f"{listed(others)} left out: a drawing needs x and y")
         elif needs_board or f"; {SEVERAL} " in f"; {demonstration.note}":
             raise DemonstrationError(_missing_position(demonstration, scenario.robot))
         else:

@@ -26,6 +26,19 @@ def test_five_lines_and_a_picture_describe_a_recording(command, make_npz, output
     assert np.ptp(matplotlib.image.imread(plot)[..., :3]) > 0.5
 
 
+def test_cycles_of_several_recordings_are_those_of_their_paths(command, tmp_path):
+    paths = []
+    for name, slope in (("a.csv", 1.0), ("b.csv", 3.0)):
+        drift = slope * files.TIME
+        text = files.lines(
+            files.TIME, *files.PATH.T, drift, header="time,x,y,z,temperature"
+        )
+        paths.append(files.write(tmp_path, text, name).path)
+    out = command("inspect", *paths).out
+    assert "together: " in out
+    assert "drifts" not in out
+
+
 def test_gaps_are_reported_and_not_bridged(command, make_npz):
     time = np.r_[0:10:0.05, 12:20:0.05]
     path = make_npz("gap.npz", time=time, position=np.column_stack([np.sin(time)] * 3))

@@ -633,12 +633,20 @@ def test_a_table_may_hold_a_path_in_the_plane(header, tmp_path):
     assert_allclose(found.values, factor * files.PATH[:, :2], atol=1e-12)
 
 
-def test_paths_in_the_plane_are_named_where_there_are_several(tmp_path):
-    header = "time,left_x,left_y,right_x,right_y"
-    text = files.lines(files.TIME, *files.PATH.T[:2], *files.PATH.T[1:], header=header)
-    path = files.write(tmp_path, text).path
-    _, (remarks,) = read_demonstrations([path])
-    assert "choose with --columns x=left_x,y=left_y" in remarks
+@pytest.mark.parametrize(
+    ("header", "channels"),
+    [
+        ("left_x,left_y", ("left_x", "left_y")),
+        ("speed_x,speed_y", ("speed_x", "speed_y")),
+        ("goal_x,goal_y", ("goal_x", "goal_y")),
+        ("X,Y,joint_1,joint_2,joint_3,joint_4,joint_5,joint_6", ("X", "Y")),
+    ],
+)
+def test_other_pairs_of_columns_are_no_path_in_the_plane(header, channels, tmp_path):
+    columns = np.tile(files.PATH[:, :2], 4).T[: header.count(",") + 1]
+    text = files.lines(files.TIME, *columns, header=f"time,{header}")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels[:2] == channels
 
 
 def test_rows_of_several_points_of_a_body_are_not_mixed(tmp_path):
@@ -654,10 +662,38 @@ def test_rows_of_several_points_of_a_body_are_not_mixed(tmp_path):
     assert_allclose(found.values, files.PATH, atol=1e-12)
 
 
-def test_a_topic_of_a_table_of_one_sensor_is_refused(tmp_path):
+def test_a_joint_that_hardly_moves_is_no_column_of_sensors(tmp_path):
+    names = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
+    angles = np.tile(files.PATH, 2)
+    angles[:, 2] = 1.2 + 1e-5 * (np.arange(len(angles)) % 3)
+    header = ",".join(["time", *(f"{name}_joint" for name in names)])
+    text = files.lines(files.TIME, *angles.T, header=header)
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.values, angles, atol=1e-12)
+
+
+def test_a_topic_chooses_rows_that_do_not_alternate(tmp_path):
+    hands = ["left"] * len(files.TIME) + ["right"] * len(files.TIME)
+    path, time = np.tile(files.PATH, (2, 1)), np.tile(files.TIME, 2)
+    path[len(files.TIME) :] += 1.0
+    text = files.lines(hands, time, *path.T, header="hand,t,x,y,z")
+    file = files.write(tmp_path, text).path
+    (found,), _ = read_demonstrations([file], ReadingOptions(topic="right"))
+    assert_allclose(found.values, 1.0 + files.PATH, atol=1e-12)
+
+
+def test_a_topic_that_no_column_has_is_reported(tmp_path):
     file = files.write(tmp_path, files.xyz(header="t,x,y,z")).path
-    with pytest.raises(FmpError, match="no column of sensors to choose 'hand' from"):
-        read_demonstrations([file], ReadingOptions(topic="hand"))
+    _, (remarks,) = read_demonstrations([file], ReadingOptions(topic="hand"))
+    assert "no column has hand to choose: --topic is not used" in remarks
+
+
+def test_the_time_is_preferred_to_another_clock(tmp_path):
+    text = files.lines(
+        np.floor(files.TIME), files.TIME, *files.PATH.T, header="time_utc,time,x,y,z"
+    )
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.time, files.TIME - files.TIME[0], atol=1e-9)
 
 
 @pytest.mark.parametrize("make", [files.lerobot_2, files.lerobot_3], ids=name_of)

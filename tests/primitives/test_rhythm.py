@@ -705,6 +705,13 @@ def test_cycles_of_few_samples_are_joined_although_their_ends_are_steps_apart():
     assert len(found.bouts) == 3
 
 
+def test_open_strokes_of_few_samples_are_not_joined():
+    for turn in (1.5 * np.pi, 1.2 * np.pi):
+        arcs = [drop(turn * np.arange(8) / 7 + 0.02 * i) for i in range(4)]
+        with pytest.raises(DemonstrationError, match="no part of it recurs"):
+            find_rhythm([demonstration(arc) for arc in arcs])
+
+
 def test_channels_that_are_still_or_repeat_are_not_called_different():
     truth = synthetic_recording(6)
     noise = 5 * np.random.default_rng(2).standard_normal(len(truth.values))

@@ -269,6 +269,24 @@ def test_a_playback_outside_the_demonstrated_range_is_reported():
     assert not any("leaves" in words for words in skill_in_words(closed))
 
 
+@pytest.mark.parametrize("value", [0.0, 0.1234567, 1.0, 10.0, 1e6])
+def test_a_constant_channel_changes_nothing(value):
+    time = np.arange(0, 20, 1 / 30)
+    path = 0.1 * np.column_stack([np.cos(2.1 * time), np.sin(2.1 * time)])
+    recording = Demonstration(
+        time=time,
+        values=np.column_stack([path, np.full(len(time), value)]),
+        channels=("x", "y", "gripper"),
+        units=("m", "m", "1"),
+    )
+    for model in ("phase", "mixture"):
+        skill = FourierMovementPrimitive(model=model).fit(recording)
+        played = Player(skill).rollout(recording.values[-1], 8.0).position
+        assert_allclose(np.abs(played[80:, :2]).max(axis=0), 0.1, rtol=0.1)
+        assert_allclose(played[:, 2], value, atol=1e-6 + 1e-6 * value)
+        assert not any("leaves" in words for words in skill_in_words(skill))
+
+
 def test_one_cycle_has_no_spread():
     time = np.arange(0, 4.4, 0.05)
     circles = 0.1 * np.column_stack([np.cos(2 * time), np.sin(2 * time)])

@@ -20,6 +20,8 @@ QUATERNION_CHANNELS = ("qx", "qy", "qz", "qw")
 FORCE_CHANNEL = "force"
 FORCE_COMPONENTS = ("force_x", "force_y", "force_z")
 
+# Change of a channel relative to its values, up to which it is a rounding error.
+_ROUNDING = 1e-9
 # Most names that a message lists.
 _MOST_NAMES = 12
 
@@ -168,7 +170,7 @@ def channel_scales(scales: ChannelScales, values: Array, units: Sequence[str]) -
     ----------
     scales : "units" or array_like, shape (D,)
         "units": 1 where all channels share one unit; else the standard deviation
-        of all channels of a unit together (1 where they never change).
+        of all channels of a unit together (1 where they change by rounding errors at most).
     values : ndarray, shape (..., D)
     units : sequence of str
         Of each channel.
@@ -179,11 +181,13 @@ def channel_scales(scales: ChannelScales, values: Array, units: Sequence[str]) -
             raise SkillError(f"scales is {scales!r}; give 'units' or {d} numbers.")
         out = np.ones(d)
         if len(set(units)) > 1:
-            variances = values.reshape(-1, d).var(axis=0)
+            flat = values.reshape(-1, d)
+            variances = flat.var(axis=0)
             for unit in set(units):
                 same = [i for i in range(d) if units[i] == unit]
                 spread = float(np.sqrt(variances[same].mean()))
-                out[same] = spread if spread > 0 else 1.0
+                least = _ROUNDING * float(np.max(np.abs(flat[:, same])))
+                out[same] = spread if spread > least else 1.0
         return out
     out = finite_array(scales, "the scales", (d,))
     if not np.all(out > 1 / GREATEST):

@@ -17,14 +17,14 @@ from fmp_drake.primitives.data.reading.table import (
     count_text,
 )
 
-# In order of preference: a sensor's stamp before the time of receipt.
+# In order of preference: a sensor's stamp before the time of receipt, another clock last.
 _TIMES = (
     re.compile(r"(.*_)?(header_)?stamp"),
     re.compile(
         r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds)"
-        r"(_(mono(tonic)?|unix|utc))?"
         r"|zeit|zeitstempel|uhrzeit|datum"
     ),
+    re.compile(r"(.*_)?(time|timestamps?)_(mono(tonic)?|unix|utc)"),
 )
 _NANOSECONDS = ("nsecs", "nsec", "nanosec")
 # Ranges of absolute times, s: since 1970, for dates from 2001 on; for ticks of 100 ns,

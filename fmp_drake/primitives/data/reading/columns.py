@@ -343,13 +343,16 @@ def _channels(
     """
     labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
     lengths = [c for c in columns if _is_length(c)]
-    positions = _groups(lengths, _POSITION, "xyz") or _groups(lengths, _POSITION, "xy")
+    positions = _groups(lengths, _POSITION, "xyz")
     if "l" in positions:  # Then r is the right hand, not a rotation.
         hands = _groups(columns, _POSITION, "xyz").items()
         positions |= {prefix: group for prefix, group in hands if prefix == "r"}
     orientations = _groups(columns, _QUATERNION, "xyzw")
     joints = max((_groups(columns, JOINT, n) for n in _NUMBERS), key=len)
     joints = {p: g for p, g in joints.items() if not NO_MEASURED_ANGLES.search(p)}
+    if not (positions or orientations or joints):
+        in_plane = _groups(lengths, _POSITION, "xy")
+        positions = {p: group for p, group in in_plane.items() if not p}
     positions, orientations, commanded = _without_commanded(
         positions, orientations, has_joints=bool(joints)
     )
@@ -370,7 +373,7 @@ def _channels(
     if len(positions) > 1:
         prefix, group = next(iter(positions.items()))
         chosen = (*group, *orientations.get(prefix, ()))
-        pose = (*POSITION_CHANNELS[: len(group)], *QUATERNION_CHANNELS)
+        pose = (*POSITION_CHANNELS, *QUATERNION_CHANNELS)
         remarks.append(_choice("positions", positions, pose, chosen))
     elif len(joints) > 1:
         chosen = next(iter(joints.values()))

@@ -52,8 +52,8 @@ _UNIT = re.compile(
 )
 # Names of columns of numbers that identify a sensor, and the greatest number of sensors.
 SOURCE_NAME = re.compile(
-    r"(.*[ _])?(device|sensor|source|marker|body|hand|controller|tracker|object|serial|node"
-    r"|landmark|keypoint|joint|person)([ _]?(id|index|no|number))?",
+    r"((.*[ _])?(device|sensor|source|marker|body|hand|controller|tracker|object|serial|node"
+    r"|landmark|keypoint|person)|joint)([ _]?(id|index|no|number))?",
     re.IGNORECASE,
 )
 _MOST_SOURCES = 20
@@ -129,7 +129,9 @@ def table_of_lines(
     sources = dict(zip(words, rows.words, strict=True)) | {
         i: [f"{value:g}" for value in values[:, i]]
         for i, name in enumerate(header)
-        if i not in words and SOURCE_NAME.fullmatch(name)
+        if i not in words
+        and SOURCE_NAME.fullmatch(name)
+        and np.all(values[:, i] % 1 == 0)
     }
     for i, cells in sources.items():
         if (chosen := rows_of_one(path, labels[i], cells, topic)) is not None:
@@ -139,9 +141,7 @@ def table_of_lines(
             break
     else:
         if topic:
-            raise SkillFileError(
-                f"{path} has no column of sensors to choose {topic!r} from; leave out --topic."
-            )
+            remarks.append(f"no column has {topic} to choose: --topic is not used")
     columns = [i for i in range(width) if i not in unused.union(words)]
     if len(header) > 1 and (delimiter != "," or rows.has_commas):
         remarks.append(
@@ -203,17 +203,23 @@ def _read_rows(
 def rows_of_one(
     path: Path, name: str, labels: Sequence[str], topic: str
 ) -> Mask | None:
-    """Return a mask of the rows with one label, or None where labels do not alternate."""
+    """Return a mask of the rows with the label `topic`, or None where there is none.
+
+    Raises
+    ------
+    SkillFileError
+        Where there is none, but labels alternate.
+    """
     column = np.array(labels)
     kinds = list(dict.fromkeys(labels))
-    if not 2 <= len(kinds) <= _MOST_SOURCES or np.mean(column[1:] != column[:-1]) < 0.5:
-        return None
-    if topic not in kinds:
+    if topic and topic in kinds:
+        return np.asarray(column == topic)
+    if 2 <= len(kinds) <= _MOST_SOURCES and np.mean(column[1:] != column[:-1]) >= 0.5:
         raise SkillFileError(
             f"{path}: {name} alternates: its rows come from several sources; "
             f"{topic_choice(kinds)}"
         )
-    return np.asarray(column == topic)
+    return None
 
 
 def _with_whole_cells(lines: list[str]) -> list[str]:

@@ -10,10 +10,10 @@ from fmp_drake.numeric import Array
 from fmp_drake.primitives.model.phase.rhythm import Part
 
 # Greatest distance between the end of one recording and the beginning of the next: relative to
-# the size of the movement, and in steps from sample to sample.
-_CLOSED, _STEPS = 0.3, 3.0
-# Pause at an end, relative to the remainder of the recording, that is not reported.
-_SHORT = 0.1
+# the size of the movement, or in steps from sample to sample up to another such distance.
+_CLOSED, _STEPS, _MOST_OPEN = 0.3, 3.0, 0.7
+# Pauses at an end that are not reported: relative to the remainder of the recording, samples.
+_SHORT, _FEW = 0.1, 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +63,7 @@ class Loops:
             out += [
                 Part(recording=i, start=a / rate, end=b / rate, kind="pause")
                 for a, b in rests
-                if b - a > _SHORT * (stop - first)
+                if b - a > max(_SHORT * (stop - first), _FEW)
             ]
         return out
 
@@ -92,7 +92,7 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
     for before, loop in pairwise(loops):
         gap = loop[0] - before[-1]
         distance = float(np.linalg.norm(gap[columns]))
-        if distance > max(_CLOSED * size, _STEPS * step):
+        if distance > max(_CLOSED * size, min(_STEPS * step, _MOST_OPEN * size)):
             return None
         count = round(distance / step)
         if not count:

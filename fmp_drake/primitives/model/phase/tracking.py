@@ -91,7 +91,7 @@ class PhaseTrack:
         return self._fraction(errors)
 
     def unexplained_fractions(self) -> Array:
-        """Return the fractions of the variance of each channel, shape (D,), of a still one 0."""
+        """Return the unexplained fraction of each channel's variance, shape (D,)."""
         errors = np.concatenate(self.residuals()) - np.concatenate(self.shifts)
         total = np.concatenate(self.recordings).var(axis=0)
         return np.asarray(np.mean(errors**2, axis=0) / np.maximum(total, 1e-18))
