@@ -53,13 +53,15 @@ def inspect(
     """
     console = make_console()
     check_picture(picture.plot)
-    recordings, conclusions = [], list[str]()
+    recordings, parts, conclusions = [], [], list[str]()
     for file in files:
         demonstrations, _ = read_demonstrations([file], recording.reading())
         for demonstration in demonstrations:
             note = demonstration.note or "as it is"
             console.print(f"{file}: {note}", soft_wrap=True)
-            lines = describe_recording(demonstration, **vars(rhythm))
+            on_board = board_part(demonstration, **vars(rhythm))
+            parts.append(on_board[0])
+            lines = describe_recording(demonstration, on_board=on_board, **vars(rhythm))
             conclusions.append(lines[-1])
             for line in lines:
                 console.print(f"  {line}", soft_wrap=True)
@@ -68,7 +70,6 @@ def inspect(
     is_needed = len(recordings) > 1 or picture.plot is not None
     if is_needed and len({d.channels for d in recordings}) == 1:
         try:
-            parts = [board_part(d, **vars(rhythm))[0] for d in recordings]
             is_common = len({part.channels for part in parts}) == 1
             found = find_rhythm(parts if is_common else recordings, **vars(rhythm))
             text = "; ".join(found.describe())

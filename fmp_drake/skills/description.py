@@ -65,15 +65,20 @@ def skill_in_words(skill: FourierMovementPrimitive) -> list[str]:
     """
     phase = skill.phase_model_
     remarks = _about_windows(skill) if phase is None else _about_cycles(skill, phase)
-    sentences = [model_in_words(skill), *remarks, _about_playing(skill)]
-    return sentences + outside_in_words(skill)
+    motion = _playback(skill)
+    playing = _about_playing(skill, motion)
+    return [model_in_words(skill), *remarks, playing, *_about_leaving(skill, motion)]
 
 
 def outside_in_words(skill: FourierMovementPrimitive) -> list[str]:
     """Return a warning where a playback of the means leaves the demonstrated range."""
+    return _about_leaving(skill, _playback(skill))
+
+
+def _about_leaving(skill: FourierMovementPrimitive, motion: Array) -> list[str]:
     if not skill.paths_:
         return []
-    shown, played = skill.extent_, extent_of([_playback(skill)[:, 0]])
+    shown, played = skill.extent_, extent_of([motion[:, 0]])
     widths = np.ptp(shown, axis=0)
     widest = [
         max(w for w, u in zip(widths, skill.units_, strict=True) if u == unit)
@@ -158,9 +163,8 @@ def _playback(skill: FourierMovementPrimitive) -> Array:
     return motion[round(seconds * skill.rate) :]
 
 
-def _about_playing(skill: FourierMovementPrimitive) -> str:
-    """Return extent, period and greatest speed of a playback of the means."""
-    motion = _playback(skill)
+def _about_playing(skill: FourierMovementPrimitive, motion: Array) -> str:
+    """Return extent, period and greatest speed of a playback (n, 3, D)."""
     ranges = _ranges_in_words(skill, extent_of([motion[:, 0]]))
     sentence = f"its playback covers {', '.join(ranges)}"
     if skill.phase_model_ is not None:
@@ -195,10 +199,16 @@ def _percent(values: Array) -> str:
     return f"{100 * values.min():.0f} to {100 * values.max():.0f} %"
 
 
-def describe_recording(demonstration: Demonstration, **options: Any) -> list[str]:
+def describe_recording(
+    demonstration: Demonstration,
+    *,
+    on_board: tuple[Demonstration, str] | None = None,
+    **options: Any,
+) -> list[str]:
     """Return four lines: channels, rate, cycles, and whether learning is possible.
 
-    The options start_time, end_time and period are those of `find_rhythm`.
+    `on_board` is what `board_part` returns, where it is known. The options start_time,
+    end_time and period are those of `find_rhythm`.
 
     Examples
     --------
@@ -218,7 +228,7 @@ def describe_recording(demonstration: Demonstration, **options: Any) -> list[str
     )
     if np.ptp(steps) > _EVEN * np.median(steps):
         rate += f"; intervals from {steps.min():.3g} to {steps.max():.3g} ms"
-    learned, placing = board_part(demonstration, **options)
+    learned, placing = on_board or board_part(demonstration, **options)
     rhythm: Rhythm | None = None
     try:
         rhythm = find_rhythm(learned, **options)

@@ -87,19 +87,22 @@ class PhaseTrack:
     @property
     def unexplained(self) -> float:
         """The fraction of the variance that cycle and phase do not explain."""
-        errors = np.concatenate(self.residuals()) - np.concatenate(self.shifts)
-        return self._fraction(errors)
+        return self._fraction(self._errors())
 
     def unexplained_fractions(self) -> Array:
         """Return the unexplained fraction of each channel's variance, shape (D,)."""
-        errors = np.concatenate(self.residuals()) - np.concatenate(self.shifts)
         total = np.concatenate(self.recordings).var(axis=0)
-        return np.asarray(np.mean(errors**2, axis=0) / np.maximum(total, 1e-18))
+        return np.asarray(
+            np.mean(self._errors() ** 2, axis=0) / np.maximum(total, 1e-18)
+        )
 
     @property
     def shifted(self) -> float:
         """The fraction of the variance that slow shifts of the centre take."""
         return self._fraction(np.concatenate(self.shifts))
+
+    def _errors(self) -> Array:
+        return np.concatenate(self.residuals()) - np.concatenate(self.shifts)
 
     def _fraction(self, errors: Array) -> float:
         values = np.concatenate(self.recordings)
