@@ -152,8 +152,8 @@ def _windows(skill: FourierMovementPrimitive, demonstrations: Demonstrations) ->
     Channels.of_skill(skill).check(recordings)
     longest = max(d.duration for d in recordings)
     is_short = round(longest * skill.rate) + 1 < skill.n_steps
-    if is_short and len(recordings) > 1 and skill.paths_:
-        # Recordings of one cycle each are joined before learning.
+    if is_short and skill.paths_:
+        # Recordings of one cycle each are joined, or closed, before learning.
         recordings = [
             replace(recordings[0], time=np.arange(len(path)) / skill.rate, values=path)
             for path in skill.paths_

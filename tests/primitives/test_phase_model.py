@@ -181,7 +181,7 @@ def test_many_channels_are_learned_by_the_mixture_or_refused_with_what_to_do():
 
 
 def test_automatic_takes_the_mixture_without_a_repeated_cycle_and_reports_why():
-    demonstration = recorded(wavering(62, period=55))
+    demonstration = recorded(wavering(62, period=80))
     skill = FourierMovementPrimitive(n_steps=60, overlap=6, model="automatic")
     skill.fit(demonstration)
     assert skill.model_ == "mixture"

@@ -21,6 +21,7 @@ from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
+    Player,
     find_rhythm,
     load_skill,
     save_skill,
@@ -274,8 +275,10 @@ def test_a_smooth_random_path_has_no_rhythm(seed):
     rng = np.random.default_rng(seed)
     normals = rng.standard_normal((500, 2))
     path = gaussian_filter1d(normals, rng.uniform(8, 24), axis=0, mode="wrap") / 2
+    # It is closed, so that it can only be one cycle.
+    assert find_rhythm(demonstration(path)).cycles == 1
     with pytest.raises(DemonstrationError, match="cycles"):
-        find_rhythm(demonstration(path))
+        find_rhythm(demonstration(path[:420]))
     if seed == 22:  # The user knows it better.
         assert find_rhythm(demonstration(path), period=11.7).cycles > 1.5
 
@@ -679,8 +682,6 @@ def cycles_apart(count, turn=2 * np.pi):
 
 def test_recordings_of_one_cycle_each_are_learned_together():
     recordings = cycles_apart(5)
-    with pytest.raises(DemonstrationError, match="no part of it recurs"):
-        find_rhythm(recordings[0])
     found = find_rhythm(recordings)
     assert found.cycles == pytest.approx(5, abs=0.2)
     lengths = [recording.duration - 27 / RATE for recording in recordings]
@@ -695,6 +696,69 @@ def test_recordings_of_one_cycle_each_are_learned_together():
     assert skill.predict(drop(0.5 + phases(25)), 25).values[:, 0] == pytest.approx(
         drop(0.5 + phases(50)[25:])[:, 0], abs=0.02
     )
+
+
+@pytest.mark.parametrize(("turns", "end"), [(1.0, 2.55), (0.97, 2.5), (1.15, 2.55)])
+def test_a_recording_that_ends_where_it_begins_is_one_cycle(turns, end):
+    turn = 2 * np.pi * np.arange(round(50 * turns) + 1) / 50
+    found = find_rhythm(demonstration(drop(turn)))
+    assert found.cycles == 1
+    assert found.period == pytest.approx(2.5, abs=0.15)
+    (bout,) = found.bouts
+    assert (bout.start, bout.end) == pytest.approx((0.0, end), abs=0.06)
+    assert [part.kind for part in found.left_out] == ["retreat"] * (turns > 1)
+    assert "one closed cycle" in found.remarks()[0]
+
+
+def test_pauses_at_the_ends_of_one_closed_cycle_are_left_out():
+    (recording,) = cycles_apart(1)
+    found = find_rhythm(recording)
+    assert found.cycles == 1
+    assert found.bouts[0].start == pytest.approx(0.6, abs=0.15)
+    assert found.bouts[0].end == pytest.approx(recording.duration - 0.75, abs=0.15)
+    assert len(found.left_out) == 2
+    assert find_rhythm(recording, period=found.period).cycles == 1
+    with pytest.raises(DemonstrationError, match="no part of it recurs"):
+        find_rhythm(recording, period=0.6 * found.period)
+
+
+def test_an_open_recording_is_no_closed_cycle():
+    for turns in (0.6, 0.8, 1.4):
+        turn = 2 * np.pi * np.linspace(0, turns, 60)
+        spiral = drop(turn) * np.linspace(0.4, 1.0, 60)[:, None]
+        with pytest.raises(DemonstrationError, match="no part of it recurs"):
+            find_rhythm(demonstration(spiral))
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_one_real_cycle_is_repeated_and_predicts_the_others(
+    number, real_demonstration_paths
+):
+    paths = {}
+    for i in range(1, 5):
+        path = real_demonstration_paths[f"panda_wiping_loop_increase_z_{i}"]
+        with np.load(path) as file:
+            paths[i] = Demonstration(time=file["time"], values=file["position"])
+    recording = paths.pop(number)
+    skill = FourierMovementPrimitive().fit(recording)
+    assert (skill.model_, skill.rhythm_.cycles) == ("phase", 1)
+    played = Player(skill).rollout(recording.values[0], 40.0).position[100:]
+    # Position 0 to 40 mm from the recording, which is 0.7 m long.
+    gaps = np.linalg.norm(played[:, None] - recording.values, axis=2).min(axis=1)
+    assert gaps.max() < 0.04
+    assert gaps.mean() < 0.006
+    steps = np.linalg.norm(np.diff(played, axis=0), axis=1) * skill.rate
+    shown = np.linalg.norm(np.diff(recording.values, axis=0), axis=1)
+    assert steps.max() < 1.1 * shown.max() / np.diff(recording.time).mean()
+    is_inside = []
+    for other in paths.values():
+        values = other.resample(skill.rate).values
+        for i in range(0, len(values) - 30, 10):
+            prediction = skill.predict(values[i : i + 10], 20)
+            error = values[i + 29] - prediction.values[-1]
+            squared = error @ np.linalg.solve(prediction.covariances[-1], error)
+            is_inside.append(squared < 7.81)
+    assert np.mean(is_inside) > 0.9
 
 
 def test_cycles_of_few_samples_are_joined_although_their_ends_are_steps_apart():

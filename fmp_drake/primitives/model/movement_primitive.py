@@ -34,6 +34,7 @@ from fmp_drake.primitives.model.phase.calibration import (
     calibrate_playback,
     calibrate_replay,
 )
+from fmp_drake.primitives.model.phase.cycle import ONE_CYCLE
 from fmp_drake.primitives.model.phase.phase_model import (
     LEAST_COMPONENTS,
     fit_phase_model,
@@ -83,13 +84,15 @@ class FourierMovementPrimitive(TrajectoryMixture):
     ----------
     model : {"automatic", "phase", "mixture"}
         Method of learning. "phase": the phase of the movement is tracked, and there is a
-        Gaussian for each of many phases; it needs about 1.5 cycles or more.
+        Gaussian for each of many phases; it needs about 1.5 cycles or more, or a single
+        one that ends where it begins.
         "mixture": by EM over all windows, as in the paper. "automatic": the phase model
-        where the demonstrations have about 1.5 cycles that look alike and n_components is at
+        where the demonstrations have such cycles that look alike and n_components is at
         least 30, else the mixture; `model_` and `model_reason_` say which and why.
     n_steps : int, optional
         T, samples in a window. Where None it is 3.2 periods, but at most 6 s (or 120
-        samples at rates below 20 Hz) and the longest bout, unless 1.2 periods are more.
+        samples at rates below 20 Hz) and the longest bout, unless 1.2 periods are more
+        (one closed cycle has one period).
         The mixture has 6 s, or half of a short recording. A window that is longer than
         the longest bout is shortened to it, which `model_reason_` states.
     stride : int, optional
@@ -456,10 +459,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 "."
             )
             return None
-        self.model_reason_ = (
-            f"{result.track.cycles:.1f} cycles; one cycle with a varying tempo explains "
-            f"{100 * (1 - result.track.unexplained):.1f} % of their variance"
-        )
+        self.model_reason_ = result.describe()
         return result
 
     def _fits(self, tracked: TrackedRhythm, *, are_windows: bool) -> bool:
@@ -538,7 +538,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         most = min(self._most_steps, values, longest)
         period = tracked.rhythm.period * self.rate
         nominal = min(_PERIODS * period, float(most))
-        return max(round(max(nominal, _LEAST_PERIODS * period)), 4 * self.overlap)
+        least = _LEAST_PERIODS * period if tracked.track.cycles > ONE_CYCLE else longest
+        return max(round(max(nominal, least)), 4 * self.overlap)
 
     def mixture_steps(self, longest: int) -> int:
         """Return the default size of a window of a mixture, samples.

@@ -13,6 +13,8 @@ _RIDGE = 1e-7
 _KNEE = 3.0
 FEW_CYCLES = 12.0
 """Number of cycles below which less is estimated, and recordings count less at their ends."""
+ONE_CYCLE = 1.001
+"""Greatest number of cycles, but for rounding, of a recording that is one closed cycle."""
 # Phase in which the weight of samples rises from 0 at an end of a recording, rad.
 _RAMP = np.pi
 
@@ -51,13 +53,13 @@ class Cycle:
         With few cycles, some phases are passed once more than others. The mean of the
         passes would jump where their number changes, at the ends of a recording. With
         soft ends, the weight of samples rises from 0 there and falls to 0, within half a
-        cycle.
+        cycle. All phases of a single cycle are passed once.
         """
         rows = _rows(np.concatenate(phases), harmonics, 0)
         order = np.repeat(np.arange(1, harmonics + 1), 2)
         ridge = _RIDGE * len(rows) * np.concatenate([[0.0], (order / _KNEE) ** 4])
         weighted = rows.T
-        if has_soft_ends and count_cycles(phases) < FEW_CYCLES:
+        if has_soft_ends and ONE_CYCLE < count_cycles(phases) < FEW_CYCLES:
             weighted = rows.T * np.concatenate([_end_weights(p) for p in phases])
         gram = weighted @ rows + np.diag(ridge)
         solution = np.linalg.solve(gram, weighted @ np.concatenate(recordings))

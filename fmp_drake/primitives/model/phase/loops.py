@@ -1,4 +1,4 @@
-"""Recordings of one cycle each, joined to one of all cycles."""
+"""Recordings of one cycle each: several that are joined, or one that closes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +12,8 @@ from fmp_drake.primitives.model.phase.rhythm import Part
 # Greatest distance between the end of one recording and the beginning of the next: relative to
 # the size of the movement, or in steps from sample to sample up to another such distance.
 _CLOSED, _STEPS, _MOST_OPEN = 0.3, 3.0, 0.7
+# Last part of a recording in which one cycle may close.
+_LAST_PART = 0.3
 # Pauses at an end that are not reported: relative to the remainder of the recording, samples.
 _SHORT, _FEW = 0.1, 2
 
@@ -109,6 +111,43 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
         starts=tuple(starts),
         lengths=tuple(len(recordings[i]) for i in order),
     )
+
+
+def closed_cycle(recording: Array, columns: list[int]) -> tuple[Array, int, int] | None:
+    """Return the one closed cycle that a recording (n, D) is; None where it does not close.
+
+    Its end is that of the recording or, where that is elsewhere, the sample near it that is
+    nearest to the beginning. Long pauses at the ends are left out. Distances are measured
+    in `columns`.
+
+    Returns
+    -------
+    values : ndarray, shape (m, D)
+        The cycle; a straight line joins its end to its beginning, which is repeated.
+    first, after : int
+        Its first sample in the recording, and the one after its last.
+    """
+    path = recording[:, columns]
+    size = float(np.sqrt(path.var(axis=0).sum()))
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    step = max(float(np.median(steps)), 1e-12)
+    rests = _end_of_rest(path, step), _end_of_rest(path[::-1], step)
+    least = max(_SHORT * (len(path) - sum(rests)), _FEW)
+    first, rest = (n if n > least else 0 for n in rests)
+    after = len(path) - rest
+    if after - first < 2:
+        return None
+    distances = np.linalg.norm(path[:after] - path[first], axis=1)
+    if distances[-1] > _CLOSED * size:
+        last_part = after - round(_LAST_PART * (after - first))
+        after = last_part + int(np.argmin(distances[last_part:])) + 1
+    distance = float(distances[after - 1])
+    if distance > _CLOSED * size:
+        return None
+    values, count = recording[first:after], round(distance / step)
+    line = np.linspace(values[-1], values[0], max(count, 1) + 1)[1:]
+    # Without a distance, end and beginning are one sample.
+    return np.concatenate([values if count else values[:-1], line]), first, after
 
 
 def _order_of_small_gaps(loops: Sequence[Array]) -> list[int]:

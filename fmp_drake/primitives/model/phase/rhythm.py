@@ -8,6 +8,7 @@ import numpy as np
 
 from fmp_drake.numeric import Array, Indices
 from fmp_drake.primitives.data.channels import listed
+from fmp_drake.primitives.model.phase.cycle import ONE_CYCLE
 from fmp_drake.primitives.model.phase.segmentation import (
     BACKWARDS,
     FORWARDS,
@@ -153,6 +154,11 @@ class Rhythm:
     def remarks(self) -> list[str]:
         """Return remarks on unusual recordings."""
         out = []
+        if self.cycles < ONE_CYCLE:
+            out.append(
+                "it is one closed cycle, which is repeated; how cycles differ is not known "
+                "from it: record two or more"
+            )
         if self.irregular:
             out.append(
                 f"these channels differ from cycle to cycle: {listed(self.irregular)}; "

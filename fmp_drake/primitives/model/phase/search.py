@@ -26,7 +26,8 @@ from fmp_drake.primitives.model.phase.attempt import (
     Attempt,
     Limits,
 )
-from fmp_drake.primitives.model.phase.loops import join_loops
+from fmp_drake.primitives.model.phase.cycle import ONE_CYCLE, Cycle
+from fmp_drake.primitives.model.phase.loops import closed_cycle, join_loops
 from fmp_drake.primitives.model.phase.pauses import without_pauses
 from fmp_drake.primitives.model.phase.period import (
     local_periods,
@@ -71,6 +72,9 @@ _FEWER_CHANNELS = 0.75
 # Fraction of the variance of another channel that its cycle leaves unexplained, above which
 # it differs from cycle to cycle.
 _IRREGULAR = 0.5
+# Most harmonics of a cycle that was recorded once, and samples for each: with more it plays
+# what its straight end leaves unexplained.
+_HARMONICS, _SAMPLES = 20, 10
 # Units of the channels that are searched separately, in this order.
 _MOTION_UNITS = ("m", "rad")
 
@@ -94,6 +98,19 @@ class TrackedRhythm(NamedTuple):
     track: PhaseTrack
     recordings: Sequence[Array]
     misfit: float
+
+    def describe(self) -> str:
+        """Return the reason for learning it."""
+        if self.track.cycles < ONE_CYCLE:
+            return "one closed cycle"
+        return (
+            f"{self.track.cycles:.1f} cycles; one cycle with a varying tempo explains "
+            f"{100 * (1 - self.track.unexplained):.1f} % of their variance"
+        )
+
+
+class _NothingRepeatsError(DemonstrationError):
+    """No part of the recordings recurs in another cycle."""
 
 
 _Found = tuple[TrackedRhythm, list[Part]]
@@ -160,7 +177,8 @@ def search_rhythm(
     Approach, retreat, lifts, pauses and parts of another movement are left out; all
     bouts between them are used. Where the estimated period does not explain the bouts,
     others are tried. A cycle that consists of several equal ones is replaced by one of
-    them. Recordings of one cycle each, which begin where another one ends, are joined.
+    them. Recordings of one cycle each, which begin where another one ends, are joined. A
+    single recording in which nothing repeats is one cycle if it ends where it begins.
     The order of the recordings does not matter.
 
     Channels of noise are ignored. Where the others do not repeat together, positions are
@@ -235,15 +253,17 @@ def _column_choices(
 def _search_or_join(
     recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
 ) -> _Found:
-    """Find the rhythm of separate or joined recordings.
+    """Find the rhythm of separate or joined recordings, or of one closed cycle.
 
     Few cycles are searched without pauses, too.
     """
     try:
         tracked = _search(recordings, columns, rate, period)
-    except DemonstrationError:
+    except DemonstrationError as error:
         found = _search_without_pauses(recordings, columns, rate, period)
         found = found or _search_joined(recordings, columns, rate, period)
+        if found is None and isinstance(error, _NothingRepeatsError):
+            found = _one_cycle(recordings, columns, rate, period)
         if found is None:
             raise
         return found
@@ -277,6 +297,31 @@ def _search_joined(
             tracked = _search([loops.values], columns, rate, period)
             return tracked, loops.parts(_parts(tracked), rate)
     return None
+
+
+def _one_cycle(
+    recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
+) -> _Found | None:
+    """Return the rhythm of a recording that is one closed cycle."""
+    closed = closed_cycle(recordings[0], columns) if len(recordings) == 1 else None
+    if closed is None:
+        return None
+    values, first, after = closed
+    if period is not None and abs(len(values) / (period * rate) - 1) > _NEAR:
+        return None
+    phase = np.linspace(0.0, 2 * np.pi, len(values))
+    harmonics = max(1, min(_HARMONICS, len(values) // _SAMPLES))
+    track = PhaseTrack(
+        recordings=[values],
+        phases=[phase],
+        shifts=[np.zeros_like(values)],
+        cycle=Cycle.fit([phase], [values], harmonics=harmonics),
+    )
+    label = np.full(len(recordings[0]), OUTSIDE)
+    label[first:after] = FORWARDS
+    rhythm = rhythm_of_labels(recordings, [label], track, [first], rate)
+    tracked = TrackedRhythm(rhythm, track, recordings, np.inf)
+    return tracked, _parts(tracked)
 
 
 def _is_better(without: TrackedRhythm, with_pauses: TrackedRhythm) -> bool:
@@ -336,11 +381,11 @@ def _best_attempt(
         refusals = [
             a.objection(limits) for a in attempts if a.track.cycles >= limits.cycles
         ]
-        raise DemonstrationError(
-            refusals[0]
-            if refusals
-            else "no part of it recurs in another cycle; record at least two full "
-            f"cycles{' without gaps, in one recording' * (len(recordings) > 1)}."
+        if refusals:
+            raise DemonstrationError(refusals[0])
+        raise _NothingRepeatsError(
+            "no part of it recurs in another cycle; record at least two full cycles"
+            f"{' without gaps, in one recording' * (len(recordings) > 1)}."
         )
     best = min(acceptable, key=Attempt.cost)
     if limits is LENIENT:
