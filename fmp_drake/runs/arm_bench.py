@@ -32,6 +32,9 @@ DAMPING = (37.5, 50.0, 37.5, 25.0, 5.0, 3.75, 2.5)
 # Largest difference between a command's stamp and the wall clock, s; fastest change of a
 # torque, Nm/s; cutoff frequency of the torque's low-pass filter, Hz.
 _EXPIRY, _MAX_RATE, _CUTOFF = 0.05, 1000.0, 30.0
+# Longest delay that is made up for by steps, s; a controller does not compare statuses that
+# are farther apart.
+_REPLAYED = 0.1
 # Damping of each joint during hand guiding, Nm s/rad.
 _GUIDED_DAMPING = 1.0
 # Steps between two samples of the normal force.
@@ -285,11 +288,15 @@ class ArmBench:
             self.ages.append(wall_time - 1e-6 * command.utime)
 
     def play(self, duration: float) -> None:
-        """Step in real time for a duration, s; long delays are skipped."""
+        """Step in real time for a duration, s; long delays are skipped.
+
+        A status has the time at which the arm would have been in its state, also where
+        the step was late.
+        """
         clock = WallClock(self._channels.pace)
         with uninterrupted():
-            for now, _ in clock.ticks(PERIOD, duration):
-                self.step(now)
+            for now, late in clock.ticks(PERIOD, duration, replayed=_REPLAYED):
+                self.step(now - late)
 
     def metrics(self) -> dict[str, Any]:
         """Return the metrics of the arm: its commands, and at a board ink and contact."""

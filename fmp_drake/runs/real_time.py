@@ -43,16 +43,18 @@ class WallClock:
         """Wait for a duration of this clock, s."""
         time.sleep(seconds / self.pace)
 
-    def ticks(self, period: float, duration: float) -> Iterator[tuple[float, float]]:
+    def ticks(
+        self, period: float, duration: float, *, replayed: float = MAX_REPLAYED
+    ) -> Iterator[tuple[float, float]]:
         """Yield the time of each tick and its delay, s.
-
-        Missed ticks are replayed up to a delay of `MAX_REPLAYED`; after a longer delay they
-        are skipped.
 
         Parameters
         ----------
         period, duration : float
             s.
+        replayed : float
+            Delay up to which missed ticks are replayed, s; after a longer one they are
+            skipped.
         """
         start = due = self.now()
         while (now := self.now()) < start + duration:
@@ -60,7 +62,7 @@ class WallClock:
                 self.sleep(due - now)
                 continue
             late = now - due
-            due = (now if late > MAX_REPLAYED else due) + period
+            due = (now if late > replayed else due) + period
             yield now, late
 
 

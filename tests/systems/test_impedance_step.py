@@ -234,7 +234,10 @@ def simulate_ports(controller, ports, updates=3):
 @pytest.mark.parametrize(
     ("port", "value", "flag"),
     [
-        ("desired_position", [np.nan, 0, 0], StatusFlag.NOT_FINITE),
+        ("desired_position", [np.nan] * 3, StatusFlag.NOT_FINITE),
+        ("desired_acceleration", [np.nan] * 3, StatusFlag.NOT_FINITE),
+        ("task_frame_velocity", [np.nan] * 6, StatusFlag.NOT_FINITE),
+        ("feedforward_wrench", [np.nan] * 6, StatusFlag.NOT_FINITE),
         ("desired_position", [0.0, 0.0, 9.0], StatusFlag.JUMP),
         ("task_frame", [np.nan] * 7, StatusFlag.NOT_FINITE),
         ("desired_orientation", [0.0] * 4, StatusFlag.NOT_FINITE),
@@ -255,6 +258,8 @@ def test_a_fault_stops_the_arm_at_the_very_next_update(port, value, flag):
     flags = update(controller, context)
     assert flags & flag
     assert flags & StatusFlag.PROTECTIVE_STOP
+    # An arm whose state is known is held.
+    assert bool(flags & StatusFlag.NO_STATE) == (port == "state")
     assert not np.array_equal(context.get_discrete_state(0).value(), before)
 
 

@@ -184,6 +184,8 @@ def _next_torque(
     watchdog = WatchdogState(int(memory.mode), memory.clock, memory.duration)
     state = ForceState(memory.surface, memory.force, memory.lost_time)
     X_TE = relative(X_WT, X_WE)
+    if not inputs.finite:
+        _discard_target(inputs, X_TE.p)
     rotation = twist_rotation(X_WT.R.T)
     arm_T = re_expressed(arm, rotation)
 
@@ -273,6 +275,16 @@ def _next_torque(
         force_record,
     )
     return limited.torque, status, encode(after)
+
+
+@compiled
+def _discard_target(inputs: np.record, p_TE: Array) -> None:
+    """Replace inputs that are not finite, in place, by those of a tool at rest without force."""
+    inputs.desired_normal_force[0] = 0.0
+    for i in range(3):
+        inputs.desired_position[i] = p_TE[i]
+    for i in range(6):
+        inputs.feedforward_wrench[i] = inputs.frame_twist[i] = 0.0
 
 
 @inlined
