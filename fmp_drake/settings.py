@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import yaml
 
 from fmp_drake.errors import FmpError
@@ -42,9 +43,9 @@ def bounded(default: float | Sequence[float] | None, **limits: Any) -> Any:
 def check_settings(settings: Any, error: type[FmpError], name: str = "") -> None:
     """Check every number of a dataclass, and of the dataclasses in it.
 
-    Numbers must be finite and in the range that `bounded` declared. A dataclass may
-    check further conditions in a method `inconsistency`, which returns an error message
-    or an empty string.
+    Arrays become lists. Numbers must be finite and in the range that `bounded` declared. A
+    dataclass may check further conditions in a method `inconsistency`, which returns an
+    error message or an empty string.
 
     Parameters
     ----------
@@ -64,6 +65,9 @@ def check_settings(settings: Any, error: type[FmpError], name: str = "") -> None
         default = field.default
         if field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+            setattr(settings, field.name, value)
         if dataclasses.is_dataclass(value):
             check_settings(value, error, f"{path}.")
         elif isinstance(default, list) and field.type != list[str]:

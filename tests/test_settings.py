@@ -3,6 +3,7 @@
 import time
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 
 from fmp_drake.errors import StationError
@@ -91,6 +92,14 @@ def test_yaml_without_bounds_is_refused_at_once(text, message):
         check_yaml(text, "it", StationError)
     assert len(str(refusal.value)) < 300
     assert time.monotonic() - start < 2
+
+
+def test_an_array_becomes_a_list():
+    felt = Felt(size=np.array([0.1, 0.3]))
+    check_settings(felt, StationError)
+    assert felt.size == [0.1, 0.3]
+    with pytest.raises(StationError, match=r"size is \[0.1\]; expected 2 numbers"):
+        check_settings(Felt(size=np.array([0.1])), StationError)
 
 
 def test_yaml_of_common_size_passes_with_its_aliases():

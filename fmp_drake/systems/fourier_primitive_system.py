@@ -321,8 +321,9 @@ class FourierPrimitiveSystem(LeafSystem):
         last_event, begin, pushed_since, reactive, missing_since = (
             context.get_discrete_state().value(self._events).tolist()
         )
-        # A Simulator of a cloned Context triggers an event of that time once more.
-        if begin < last_event == time:
+        # A Simulator of a cloned Context triggers an event of that time once more, and one that
+        # does not begin at 0 an event of the time of initialization.
+        if begin <= last_event == time:
             return EventStatus.DidNothing()
         before = self._read(context)
         state = player.advance(before, max(time - self._last_event(context), 0.0))
