@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array, Mask, runs
@@ -13,7 +14,9 @@ from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
     FORCE_COMPONENTS,
     POSITION_CHANNELS,
+    ROTATION_CHANNELS,
 )
+from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
 from fmp_drake.skills.surface_fit import fit_surface
 
@@ -21,12 +24,19 @@ from fmp_drake.skills.surface_fit import fit_surface
 _PRESSED, _TOUCH = 0.3, 0.01
 _LEAST_FORCE = 1.0  # N; with a smaller quantile nothing was touched.
 # An offset of the force: distance from the movement at which the tool is in the air, m, greatest
-# spread relative to its mean, and least mean relative to the force of the movement.
-_FAR, _STEADY, _WEIGHT = 0.03, 0.3, 0.1
+# spread relative to its mean, and least mean relative to the force of the movement. It is a
+# weight if the least forces, a fraction of all, are smaller by a factor without it.
+_FAR, _STEADY, _WEIGHT, _FEWEST, _LESS = 0.03, 0.3, 0.1, 0.2, 0.8
 # The same from lifts, which are shorter: least magnitude relative to the force of the movement;
 # time over which the force in the air is steady, s, and fraction of such samples.
 _LIFT_WEIGHT, _STEADY_TIME, _QUIET = 0.15, 0.25, 0.1
 _LEAST_SAMPLES = 4  # In the air.
+# Lifts without a force: greatest fraction of the squared steps along the tool's axis, least
+# length of its mean, height of a lift, m, initial quantile of the heights, and fraction of low
+# samples from which there are no lifts. Displacements that are as bad as a slope of 1, m, and
+# as a curvature of 2/m, m; greatest slope, and median height of low samples, m.
+_ALONG, _COMMON, _LOW, _LOWEST, _NO_LIFTS, _ROUNDS = 0.4, 0.7, 0.005, 0.1, 0.9, 50
+_SLOPE, _BEND, _MOST_SLOPE, _EXACT_LOW = 0.04, 0.0002, 0.4, 0.003
 # Residual of a surface relative to another one that is as exact, and one that is exact, m.
 _AS_EXACT, _EXACT = 1.2, 3e-4
 
@@ -42,7 +52,7 @@ class Contact:
     force : ndarray, shape (N, 1) or (N, 3), or None
         N; None where it was not recorded.
     offset : float
-        Magnitude of a constant force that was subtracted, N.
+        Magnitude of the force in the air that was subtracted, N.
     """
 
     touching: Mask
@@ -52,19 +62,20 @@ class Contact:
 
 
 def find_contact(demonstration: Demonstration, **rhythm: float | None) -> Contact:
-    """Find where the tool touches, by the force and by the bouts of the movement."""
+    """Find where the tool touches, by the bouts of the movement, and by force or orientation."""
     path = demonstration.select(POSITION_CHANNELS)
     in_bout = samples_in_bouts(path, **rhythm)
     channels = set(demonstration.channels)
     forces = (FORCE_COMPONENTS, (FORCE_CHANNEL,))
     names = next((f for f in forces if set(f) <= channels), None)
+    rotations = recorded_rotations(demonstration)
     if names is None:
-        return Contact(touching=in_bout, in_bout=in_bout, force=None)
+        touching = in_bout.copy()
+        if rotations is not None:
+            touching[in_bout] = _not_lifted(path.values, in_bout, rotations)
+        return Contact(touching=touching, in_bout=in_bout, force=None)
     force = demonstration.select(names).values
-    offset = _offset(path.values, in_bout, force)
-    if not offset.any():
-        offset = _offset_of_lifts(path, in_bout, force)
-    force = force - offset
+    force, offset = _without_offset(path, in_bout, force, rotations)
     magnitude = np.linalg.norm(force, axis=1)
     pressed = float(np.percentile(magnitude, 95))
     if pressed < _LEAST_FORCE:
@@ -77,7 +88,7 @@ def find_contact(demonstration: Demonstration, **rhythm: float | None) -> Contac
         touching=touching,
         in_bout=in_bout,
         force=force,
-        offset=float(np.linalg.norm(offset)),
+        offset=offset,
     )
 
 
@@ -107,6 +118,14 @@ def samples_in_bouts(
     return in_bout
 
 
+def recorded_rotations(demonstration: Demonstration) -> Rotation | None:
+    """Return the orientations R_DT of a demonstration, if it has any."""
+    reference = demonstration.rotation_reference
+    if reference is None:
+        return None
+    return rotations_of(demonstration.select(ROTATION_CHANNELS).values, reference)
+
+
 def touching_samples(contact: Contact, heights: Array) -> Mask:
     """Return where the tool touches, by its force and its heights (N,) over the surface, m.
 
@@ -124,6 +143,71 @@ def touching_samples(contact: Contact, heights: Array) -> Mask:
     for a, b in runs(contact.in_bout & ~touching):
         touching[a:b] = np.all(is_low[a:b])
     return touching
+
+
+def _not_lifted(points: Array, in_bout: Mask, rotations: Rotation) -> Mask:
+    """Return which of the samples in bouts are not above the others, along the tool's axis.
+
+    A loop of contact and lift has a plane of its own. Without a force only the orientation
+    distinguishes it from the surface: a tool is held about normal to it, with z along its
+    axis. The heights are those above a quadric, which bounds the samples from below and
+    hardly tilts. All samples are returned where the tool moves along its axis, or those
+    below are not on a surface.
+    """
+    axes = rotations.apply([0.0, 0.0, 1.0])
+    mean = axes[in_bout].mean(axis=0)
+    steps = np.diff(points[in_bout], axis=0)
+    along = np.sum(steps * axes[in_bout][1:], axis=1)
+    every = np.ones(len(steps) + 1, dtype=bool)
+    is_normal = np.sum(along**2) < _ALONG * np.sum(steps**2)
+    if not is_normal or np.linalg.norm(mean) < _COMMON:
+        return every
+    up = Rotation.align_vectors([[0.0, 0.0, 1.0]], [-mean])[0]
+    x, y, z = up.apply(points - points[in_bout].mean(axis=0)).T
+    if len(z) > len(every) and z[~in_bout].mean() < z[in_bout].mean():
+        z = -z
+    x, y, z = x[in_bout], y[in_bout], z[in_bout]
+    terms = np.column_stack([every, x, y, x * x, x * y, y * y])
+    penalty = len(z) * np.diag([0.0, _SLOPE, _SLOPE, _BEND, _BEND, _BEND]) ** 2
+    heights = z - np.quantile(z, _LOWEST)
+    for _ in range(_ROUNDS):
+        weighted = terms.T / (1 + np.maximum(heights / _LOW, 0.0) ** 2)
+        quadric = np.linalg.lstsq(weighted @ terms + penalty, weighted @ z)[0]
+        heights = z - terms @ quadric
+    is_low = heights <= _LOW
+    is_exact = np.median(np.abs(heights[is_low])) < _EXACT_LOW
+    is_level = np.linalg.norm(quadric[1:3]) < _MOST_SLOPE
+    return is_low if is_exact and is_level and is_low.mean() < _NO_LIFTS else every
+
+
+def _without_offset(
+    path: Demonstration, in_bout: Mask, force: Array, rotations: Rotation | None
+) -> tuple[Array, float]:
+    """Subtract the force in the air from a force (N, 1 or 3); return its magnitude, too.
+
+    The offset of a sensor is constant as it was recorded, but the weight of a tool is
+    constant in D. That one is subtracted which leaves less while the force is least.
+    """
+    air = _force_in_air(path, in_bout, force)
+    without = force - air
+    if rotations is not None and force.shape[1] == 3:
+        in_D = rotations.apply(force)
+        weight = _force_in_air(path, in_bout, in_D)
+        if _least(in_D - weight, in_bout) < _LESS * _least(without, in_bout):
+            air, without = weight, rotations.apply(in_D - weight, inverse=True)
+    return without, float(np.linalg.norm(air))
+
+
+def _least(force: Array, in_bout: Mask) -> float:
+    """Return the mean of the least magnitudes of a force in bouts."""
+    magnitudes = np.sort(np.linalg.norm(force[in_bout], axis=1))
+    return float(np.mean(magnitudes[: 1 + int(_FEWEST * len(magnitudes))]))
+
+
+def _force_in_air(path: Demonstration, in_bout: Mask, force: Array) -> Array:
+    """Return the force far from the movement, or while the tool is lifted, or 0."""
+    offset = _offset(path.values, in_bout, force)
+    return offset if offset.any() else _offset_of_lifts(path, in_bout, force)
 
 
 def _offset(points: Array, in_bout: Mask, force: Array) -> Array:

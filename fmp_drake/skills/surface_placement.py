@@ -18,11 +18,15 @@ from fmp_drake.primitives.data.channels import (
 from fmp_drake.primitives.data.orientation import (
     mean_rotation,
     rotation_vectors,
-    rotations_of,
     unit_quaternion,
 )
 from fmp_drake.primitives.data.reading.table import count_text
-from fmp_drake.skills.contact import Contact, find_contact, touching_samples
+from fmp_drake.skills.contact import (
+    Contact,
+    find_contact,
+    recorded_rotations,
+    touching_samples,
+)
 from fmp_drake.skills.surface_fit import RADII, FittedSurface, fit_surface
 from fmp_drake.station import Scenario
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
@@ -223,7 +227,7 @@ def _fit(
     points = [d.select(POSITION_CHANNELS).values for d in demonstrations]
     contacts = [find_contact(d, **rhythm) for d in demonstrations]
     touching = [c.touching for c in contacts]
-    tools = [r for r in map(_recorded_rotations, demonstrations) if r is not None]
+    tools = [r for r in map(recorded_rotations, demonstrations) if r is not None]
     if len(tools) < len(points):
         tools = []
     return fit_surface(points, touching, tools=tools, shape=shape), contacts
@@ -368,7 +372,7 @@ def _orientation(
     demonstration: Demonstration, fit: FittedSurface, uvh: Array, contact: Contact
 ) -> Array:
     """Return rotation vectors relative to the local normal, about their mean in contact."""
-    recorded = _recorded_rotations(demonstration)
+    recorded = recorded_rotations(demonstration)
     if recorded is None:
         raise DemonstrationError(
             f"the channels are {', '.join(demonstration.channels)}; an orientation needs a "
@@ -378,14 +382,6 @@ def _orientation(
     relative = Rotation.from_matrix(R_DT).inv() * recorded
     mean = mean_rotation(relative[contact.touching])
     return rotation_vectors(relative, mean)
-
-
-def _recorded_rotations(demonstration: Demonstration) -> Rotation | None:
-    """Return the orientations R_DT of a demonstration, if it has any."""
-    reference = demonstration.rotation_reference
-    if reference is None:
-        return None
-    return rotations_of(demonstration.select(ROTATION_CHANNELS).values, reference)
 
 
 def _flatten(vectors: Array, touching: Mask, scenario: Scenario) -> tuple[float, str]:

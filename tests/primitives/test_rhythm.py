@@ -722,6 +722,14 @@ def test_pauses_at_the_ends_of_one_closed_cycle_are_left_out():
         find_rhythm(recording, period=0.6 * found.period)
 
 
+def test_a_path_that_passes_its_beginning_and_goes_elsewhere_is_no_closed_cycle():
+    turn = 2 * np.pi * np.arange(51) / 50
+    path = drop(turn)
+    away = path[-1] + np.arange(1, 12)[:, None] * [0.01, 0.02]
+    with pytest.raises(DemonstrationError, match="no part of it recurs"):
+        find_rhythm(demonstration(np.concatenate([path, away])))
+
+
 def test_an_open_recording_is_no_closed_cycle():
     for turns in (0.6, 0.8, 1.4):
         turn = 2 * np.pi * np.linspace(0, turns, 60)

@@ -259,7 +259,7 @@ def test_a_playback_outside_the_demonstrated_range_is_reported():
     # Windows of two thirds of the only cycle.
     phase = 2 * np.pi * np.arange(24) / 23.5
     path = np.column_stack([0.027 * np.cos(phase), 0.049 * np.sin(phase)])
-    skill = FourierMovementPrimitive(rate=20, window=0.8).fit(path)
+    skill = FourierMovementPrimitive(rate=20, window=0.8, model="mixture").fit(path)
     low, high = skill.extent_
     played = Player(skill).rollout(path[-1], 16.0).position[160:]
     outside = np.max(np.maximum(low - played, played - high), axis=0)

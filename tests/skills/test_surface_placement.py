@@ -9,10 +9,12 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives import Demonstration, add_orientation
+from fmp_drake.primitives import Demonstration, ReadingOptions, add_orientation
+from fmp_drake.primitives.data.channels import POSITION_CHANNELS, ROTATION_CHANNELS
 from fmp_drake.primitives.data.orientation import as_rotation, skill_rotations
+from fmp_drake.skills.contact import find_contact, touching_samples
 from fmp_drake.skills.learning import learn_skill
-from fmp_drake.skills.placement import load_on_board
+from fmp_drake.skills.placement import load_as_recorded, load_on_board
 from fmp_drake.skills.surface_fit import SHAPES, fit_surface
 from fmp_drake.skills.surface_placement import (
     curved_surface_remark,
@@ -149,6 +151,89 @@ def test_weight_of_a_tool_is_no_contact():
     assert np.mean((light[:, 3] > 0) == (corrected[:, 3] > 0)) > 0.98
     assert_allclose(corrected[:, 3].mean(), light[:, 3].mean(), atol=0.3)
     assert_allclose(corrected[:, 2], light[:, 2], atol=0.005)
+
+
+def strokes(shape, *, lift=0.04, mass=0.0, tilt=(0.0, 0.4, 0.2)):
+    """Return a recording of strokes that go back in the air, and contact and R_DS.
+
+    The tool is normal to the surface, and its sensor measures contact and weight in its frame.
+    """
+    time = np.arange(0, 20, 0.02)
+    turn = 2 * np.pi * np.clip((time - 2.5) / 3, 0, 5)
+    away = np.clip(2.5 - time, 0, None) + np.clip(time - 17.5, 0, None)
+    uvh = np.zeros((len(time), 3))
+    uvh[:, 0] = 0.06 * np.sin(turn) + 0.04 * np.sin(turn / 5)
+    uvh[:, 1] = -0.1 * np.cos(turn)
+    uvh[:, 2] = lift * np.clip(-np.sin(turn), 0, None) + 0.06 * away
+    on = uvh[:, 2] < 1e-6
+    R_DS = Rotation.from_euler("xyz", tilt)
+    rng = np.random.default_rng(0)
+    points = place(SURFACES[shape], uvh) + 0.001 * rng.standard_normal(uvh.shape)
+    R_SN = Rotation.from_matrix(rotations(SURFACES[shape], uvh))
+    R_DE = R_DS * R_SN * Rotation.from_euler("x", np.pi)
+    normal = (R_DS * R_SN).apply([0.0, 0.0, 1.0])
+    in_world = (10.0 * on)[:, None] * normal - [0.0, 0.0, 9.81 * mass]
+    force = R_DE.inv().apply(in_world) + 0.2 * rng.standard_normal(uvh.shape)
+    recording = Demonstration(
+        time=time,
+        values=np.column_stack([R_DS.apply(points) + P_DS, force]),
+        channels=("x", "y", "z", "force_x", "force_y", "force_z"),
+        units=("m",) * 3 + ("N",) * 3,
+    )
+    return add_orientation(recording, R_DE), on & (away == 0), R_DS
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.4, 0.2), (1.2, 0.0, 0.3)])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_without_a_force_the_orientation_tells_lifts_from_contact(shape, tilt):
+    recording, on, R_DS = strokes(shape, tilt=tilt)
+    posed = recording.select([*POSITION_CHANNELS, *ROTATION_CHANNELS])
+    contact = find_contact(posed)
+    in_bout = contact.in_bout
+    assert np.mean(contact.touching[in_bout] == on[in_bout]) > 0.85
+    points = posed.values[:, :3]
+    fit = fit_surface([points], [contact.touching])
+    assert fit.shape == shape
+    if shape != "plane":
+        assert fit.radius == pytest.approx(RADII[shape], rel=0.15)
+    normal = fit.rotation[:, 2] @ R_DS.apply([0.0, 0.0, 1.0])
+    assert np.degrees(np.arccos(min(normal, 1.0))) < 7
+    # Without the orientation, all samples of the movement are contact.
+    assert np.array_equal(
+        find_contact(posed.select(POSITION_CHANNELS)).touching, in_bout
+    )
+
+
+def test_orientation_of_a_real_recording_tells_its_lifts(real_demonstration_paths):
+    reading = ReadingOptions(all_arrays=True)
+    (recorded,), _ = load_as_recorded(
+        [real_demonstration_paths["car_fender_3"]], stretch=1.0, reading=reading
+    )
+    with_force = find_contact(recorded)
+    posed = recorded.select([*POSITION_CHANNELS, *ROTATION_CHANNELS])
+    contact = find_contact(posed)
+    found = touching_samples(contact, fit_of(posed, contact))
+    known = touching_samples(with_force, fit_of(recorded, with_force))
+    in_bout = contact.in_bout
+    assert 0.5 < np.mean(known[in_bout]) < 0.65
+    assert np.mean(found[in_bout] == known[in_bout]) > 0.9
+
+
+def fit_of(recording, contact):
+    """Return the heights over the surface that is fitted to a recording."""
+    points = recording.select(POSITION_CHANNELS).values
+    return fit_surface([points], [contact.touching]).coordinates(points)[:, 2]
+
+
+@pytest.mark.parametrize("mass", [0.3, 0.8])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_weight_that_turns_in_the_frame_of_the_tool_is_subtracted(shape, mass):
+    recording, on, _ = strokes(shape, mass=mass)
+    contact = find_contact(recording)
+    assert contact.offset == pytest.approx(9.81 * mass, rel=0.05)
+    magnitude = np.linalg.norm(contact.force, axis=1)
+    assert_allclose(magnitude[on].mean(), 10.0, atol=0.3)
+    assert magnitude[contact.in_bout & ~on].mean() < 0.6
 
 
 @pytest.mark.parametrize("offset", [[0.0, 0.0, 9.0], [-3.0, 8.0, 2.0], [5.0]])

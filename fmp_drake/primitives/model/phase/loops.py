@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from fmp_drake.numeric import Array
 from fmp_drake.primitives.model.phase.rhythm import Part
@@ -116,9 +117,9 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
 def closed_cycle(recording: Array, columns: list[int]) -> tuple[Array, int, int] | None:
     """Return the one closed cycle that a recording (n, D) is; None where it does not close.
 
-    Its end is that of the recording or, where that is elsewhere, the sample near it that is
-    nearest to the beginning. Long pauses at the ends are left out. Distances are measured
-    in `columns`.
+    Its end is that of the recording. Where that is elsewhere because the recording goes on as
+    it began, it is the sample that is nearest to the beginning. Long pauses at the ends are
+    left out. Distances are measured in `columns`.
 
     Returns
     -------
@@ -137,12 +138,17 @@ def closed_cycle(recording: Array, columns: list[int]) -> tuple[Array, int, int]
     after = len(path) - rest
     if after - first < 2:
         return None
+    near = _CLOSED * size
     distances = np.linalg.norm(path[:after] - path[first], axis=1)
-    if distances[-1] > _CLOSED * size:
+    if distances[-1] > near:
         last_part = after - round(_LAST_PART * (after - first))
-        after = last_part + int(np.argmin(distances[last_part:])) + 1
+        end = last_part + int(np.argmin(distances[last_part:])) + 1
+        begin = path[first : first + 2 * (after - end)]
+        if np.any(KDTree(begin).query(path[end:after])[0] > near):
+            return None
+        after = end
     distance = float(distances[after - 1])
-    if distance > _CLOSED * size:
+    if distance > near:
         return None
     values, count = recording[first:after], round(distance / step)
     line = np.linspace(values[-1], values[0], max(count, 1) + 1)[1:]
