@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives import Demonstration
+from fmp_drake.primitives import Demonstration, add_orientation
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS, ROTATION_CHANNELS
 from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.primitives.data.reading.columns import JOINT, NO_MEASURED_ANGLES
@@ -162,6 +162,7 @@ def EraserPath(
     *,
     eraser: EraserConfig | None = None,
     robot: str = DEFAULT_ROBOT,
+    with_orientation: bool = False,
 ) -> Demonstration:
     """Return the path of the eraser for recorded joint angles of a robot.
 
@@ -173,11 +174,13 @@ def EraserPath(
         The default one where None.
     robot : str
         Name of a robot of the package, or its YAML file.
+    with_orientation : bool
 
     Returns
     -------
     Demonstration
-        x, y and z of the eraser's tip in the frame of the robot's base, m.
+        x, y and z of the eraser's tip in the frame of the robot's base, m; its orientation
+        rx, ry and rz, rad, if requested.
 
     Raises
     ------
@@ -224,11 +227,17 @@ def EraserPath(
             f"{joints[i]} is {angles[sample, i]:.3g} in sample {sample}; joint {i + 1} "
             f"of {name} is limited to {lower[i]:.3g} to {upper[i]:.3g} rad. {advice}"
         )
-    return replace(
+    poses = model.tip_poses(angles)
+    path = replace(
         demonstration,
-        values=model.tip_positions(angles),
+        values=np.array([X_WE.translation() for X_WE in poses]),
         channels=POSITION_CHANNELS,
         units=("m", "m", "m"),
         frame=config.base,
         rotation_reference=None,
+    )
+    if not with_orientation:
+        return path
+    return add_orientation(
+        path, Rotation.from_matrix([X_WE.rotation().matrix() for X_WE in poses])
     )

@@ -14,6 +14,7 @@ from fmp_drake.numeric import Array, check_number, finite_array
 from fmp_drake.primitives import Demonstration, ReadingOptions, read_demonstrations
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
+    FORCE_COMPONENTS,
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
     listed,
@@ -242,8 +243,9 @@ def load_on_board(
                 "a recording is relative to its board already (u, v and height), so no "
                 "surface can be fitted to it; leave out --surface."
             )
+        poses = [_as_poses(d, scenario, remarks, **rhythm) for d in demonstrations]
         demonstrations, notes = place_on_fitted_surface(
-            demonstrations,
+            poses,
             scenario=scenario,
             shape=None if surface == "fitted" else surface,
             extra=extra,
@@ -254,7 +256,13 @@ def load_on_board(
         recordings, notes = load_as_recorded([path], stretch=stretch, reading=reading)
         remarks += notes
         fits_board = transform is not None or all(map(_is_placed, recordings))
-        curved = "" if fits_board else _curved_surface(path, stretch, reading, **rhythm)
+        whole = [] if fits_board else _with_all_arrays(path, stretch, reading)
+        curved = curved_surface_remark(whole, **rhythm) if whole else ""
+        options = _extra_options(whole[0]) if whole else ""
+        if options and not _extra_options(recordings[0]):
+            remarks.append(
+                f"{path.name}: to learn more of it: --surface fitted {options}"
+            )
         for demonstration in recordings:
             try:
                 demonstration, notes = place_on_board(
@@ -273,22 +281,84 @@ def load_on_board(
     return demonstrations, remarks
 
 
+def _as_poses(
+    demonstration: Demonstration,
+    scenario: Scenario,
+    remarks: list[str],
+    **rhythm: float | None,
+) -> Demonstration:
+    """Return a recording of poses, by kinematics where it has joints alone; add remarks."""
+    names = demonstration.channels
+    if not set(POSITION_CHANNELS) <= set(names):
+        path = _by_kinematics(demonstration, scenario, remarks, with_orientation=True)
+        if path is None:
+            raise DemonstrationError(_missing_position(demonstration, scenario.robot))
+        demonstration = path
+    _check_lengths(demonstration, **rhythm)
+    return demonstration
+
+
+def _by_kinematics(
+    demonstration: Demonstration,
+    scenario: Scenario,
+    remarks: list[str],
+    *,
+    with_orientation: bool = False,
+) -> Demonstration | None:
+    """Return the eraser's path for recorded joints, and add a remark; None without joints."""
+    robot = FindRobot(demonstration, robot=scenario.robot)
+    if robot is None:
+        return None
+    joints = RobotJoints(demonstration, robot=robot)
+    remarks.append(
+        f"the eraser's path by the forward kinematics of {Path(robot).stem}, from "
+        f"{', '.join(joints)}"
+    )
+    return EraserPath(
+        demonstration,
+        eraser=scenario.eraser,
+        robot=robot,
+        with_orientation=with_orientation,
+    )
+
+
+def _check_lengths(demonstration: Demonstration, **rhythm: float | None) -> None:
+    """Refuse x, y and z in another unit than m, or of a width that no arm can follow."""
+    units = set(demonstration.select(POSITION_CHANNELS).units)
+    if units != {"m"}:
+        raise DemonstrationError(
+            f"x, y and z are in {' and '.join(sorted(units))}, which is not a known "
+            "unit of length; convert them to metres."
+        )
+    part = (rhythm.get("start_time"), rhythm.get("end_time"))
+    check_width(*cut_demonstrations([demonstration], *part, DEFAULT_RATE))
+
+
 def _is_placed(demonstration: Demonstration) -> bool:
     """Return whether a recording is in the board's frame, or has no positions."""
     has_position = set(POSITION_CHANNELS) <= set(demonstration.channels)
     return demonstration.frame == "board" or not has_position
 
 
-def _curved_surface(
-    path: Path, stretch: float, reading: ReadingOptions | None, **rhythm: float | None
-) -> str:
-    """Return a remark where a recording, with its forces, is of a curved surface."""
+def _with_all_arrays(
+    path: Path, stretch: float, reading: ReadingOptions | None
+) -> list[Demonstration]:
+    """Return the recordings of a file with all its arrays; none where they do not fit."""
     reading = replace(reading or ReadingOptions(), all_arrays=True)
     try:
-        recordings, _ = load_as_recorded([path], stretch=stretch, reading=reading)
+        return load_as_recorded([path], stretch=stretch, reading=reading)[0]
     except (DemonstrationError, SkillFileError):
-        return ""
-    return curved_surface_remark(recordings, **rhythm)
+        return []
+
+
+def _extra_options(demonstration: Demonstration) -> str:
+    """Return the options that learn its orientation and force, too; "" without these."""
+    channels, extra = set(demonstration.channels), list[str]()
+    if demonstration.rotation_reference is not None:
+        extra.append("--extra orientation")
+    if FORCE_CHANNEL in channels or set(FORCE_COMPONENTS) <= channels:
+        extra.append("--extra force")
+    return " ".join(extra)
 
 
 def load_as_recorded(
@@ -394,19 +464,11 @@ def place_on_board(
     DemonstrationError
         Where there is no position, or the path does not fit the board.
     """
-    remarks = []
+    remarks = list[str]()
     names = demonstration.channels
     if not set(POSITION_CHANNELS) <= set(names):
-        robot = FindRobot(demonstration, robot=scenario.robot)
-        if robot is not None:
-            joints = RobotJoints(demonstration, robot=robot)
-            demonstration = EraserPath(
-                demonstration, eraser=scenario.eraser, robot=robot
-            )
-            remarks.append(
-                f"the eraser's path by the forward kinematics of {Path(robot).stem}, from "
-                f"{', '.join(joints)}"
-            )
+        if path := _by_kinematics(demonstration, scenario, remarks):
+            demonstration = path
         elif {"x", "y"} <= set(names):
             flat = demonstration.select(POSITION_CHANNELS[:2])
             demonstration = replace(
@@ -424,18 +486,15 @@ def place_on_board(
             return demonstration, ["as recorded: without x, y and z there is no board"]
     else:
         played = _played_channels(demonstration, is_placed=transform is None)
-        demonstration = demonstration.select(played)
+        recorded, demonstration = demonstration, demonstration.select(played)
         if others := [name for name in names if name not in played]:
             needed = f"{', '.join(played[:-1])} and {played[-1]}"
-            remarks.append(f"{listed(others)} left out: the board needs {needed}")
-    units = set(demonstration.select(POSITION_CHANNELS).units)
-    if units != {"m"}:
-        raise DemonstrationError(
-            f"x, y and z are in {' and '.join(sorted(units))}, which is not a known "
-            "unit of length; convert them to metres."
-        )
-    part = (rhythm.get("start_time"), rhythm.get("end_time"))
-    check_width(*cut_demonstrations([demonstration], *part, DEFAULT_RATE))
+            options = _extra_options(recorded)
+            learns = f" (--surface fitted {options} learns more)" if options else ""
+            remarks.append(
+                f"{listed(others)} left out: the board needs {needed}{learns}"
+            )
+    _check_lengths(demonstration, **rhythm)
     if transform is not None:
         pose = finite_array(transform, "the transform", (6,), error=DemonstrationError)
         placement = Placement(

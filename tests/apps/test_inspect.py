@@ -48,7 +48,7 @@ def test_gaps_are_reported_and_not_bridged(command, make_npz):
 
 
 def test_reasons_against_learning_are_reported(command, make_npz, tmp_path):
-    short = command("inspect", make_npz("short.npz", seconds=2)).out
+    short = command("inspect", make_npz("short.npz", seconds=1.2)).out
     assert "cycles: none found" in short
     assert "Record at least" in short
     file = files.write(tmp_path, files.xyz(path=1e3 * files.PATH, header="t,x,y,z"))

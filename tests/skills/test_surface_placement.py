@@ -557,11 +557,62 @@ def test_flat_placement_recommends_a_fitted_surface_only_where_it_is_curved(
     path = tmp_path / "recording.npz"
     posed(shape)[0].save(path)
     _, remarks = load_on_board([path], scenario=Scenario(), transform=None, stretch=1.0)
-    advice = [remark for remark in remarks if "--surface fitted" in remark]
+    options = "--surface fitted --extra orientation --extra force"
+    assert any(f"x, y and z ({options} learns more)" in remark for remark in remarks)
+    advice = [remark for remark in remarks if "add --surface fitted" in remark]
     assert len(advice) == (shape != "plane")
     for remark in advice:
         assert remark.startswith("recording.npz: its contact is ")
         assert f"from a {shape} of radius {RADII[shape]:.1f}" in remark
+
+
+def test_options_for_poses_and_forces_are_told_where_the_arrays_are_not_read(
+    real_demonstration_paths,
+):
+    path = real_demonstration_paths["car_rim_1"]
+    _, remarks = load_on_board([path], scenario=Scenario())
+    options = "--surface fitted --extra orientation --extra force"
+    assert f"{path.name}: to learn more of it: {options}" in remarks
+
+
+def test_surface_is_fitted_to_metres_only(tmp_path):
+    path, recording = tmp_path / "recording.npz", posed("plane")[0]
+    in_mm = [1e3 if unit == "m" else 1.0 for unit in recording.units]
+    replace(recording, values=recording.values * in_mm).save(path)
+    with pytest.raises(DemonstrationError, match="m wide: millimetres. Give --unit mm"):
+        load_on_board([path], scenario=Scenario(), surface="fitted")
+
+
+def test_surface_is_fitted_to_the_path_and_orientation_of_joints(tmp_path):
+    time = np.arange(0, 12, 0.02)
+    angles = np.array([0, -0.8, 0, -2.4, 0, 1.6, 0.8]) + 0.2 * np.column_stack(
+        [
+            np.sin(2 * time),
+            np.cos(2 * time),
+            *[0 * time] * 3,
+            np.sin(4 * time),
+            0 * time,
+        ]
+    )
+    joints = Demonstration(
+        time=time,
+        values=angles,
+        channels=tuple(f"panda_joint{i}" for i in range(1, 8)),
+        units=("rad",) * 7,
+    )
+    joints.save(tmp_path / "joints.npz")
+    (placed, *_), remarks = load_on_board(
+        [tmp_path / "joints.npz"],
+        scenario=Scenario(),
+        surface="plane",
+        extra=["orientation"],
+    )
+    assert any("by the forward kinematics of panda" in remark for remark in remarks)
+    assert placed.channels == (*POSITION_CHANNELS, *ROTATION_CHANNELS)
+    # The tool turns about the vertical with the first joint.
+    first = np.interp(placed.time, time, angles[:, 0])
+    assert abs(np.corrcoef(placed.values[:, 5], first)[0, 1]) > 0.9
+    assert np.ptp(placed.values[:, 5]) > 0.3
 
 
 def test_flat_placement_needs_no_other_arrays_of_a_file(tmp_path):
