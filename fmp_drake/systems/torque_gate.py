@@ -28,6 +28,7 @@ from fmp_drake.systems.panda.arm_status import (
     JOINTS,
     ArmReading,
     decode,
+    no_status,
     read_status,
 )
 from fmp_drake.systems.panda.gate import (
@@ -57,7 +58,7 @@ class TorqueGate(LeafSystem):
     torque : vector (7,)
         Torque of the controller, without gravity, Nm.
     status : abstract
-        The bytes of the last ``lcmt_panda_status`` of the arm.
+        The bytes of the last ``lcmt_panda_status`` of the arm; empty before the first.
     wall_time : vector (1,)
         Time of the clock that stamps the arm's messages, s.
     go : vector (1,)
@@ -170,7 +171,8 @@ class TorqueGate(LeafSystem):
 
     def _calc_reading(self, context: Any, value: Any) -> None:
         data = cast(bytes, self._status.Eval(context))
-        value.set_value(read_status(decode(lcmt_panda_status, data)))
+        status = decode(lcmt_panda_status, data)
+        value.set_value(read_status(status) if data else no_status())
 
     def _calc_command(self, context: Any, value: Any) -> None:
         data = b""

@@ -13,7 +13,7 @@ from pydrake.systems.lcm import LcmSubscriberSystem
 from fmp_drake.errors import StationError
 from fmp_drake.station import LcmPanda
 from fmp_drake.station.robots.driver import MakeDriver, SimulatedDriver
-from fmp_drake.station.robots.panda_lcm import LoadPanda
+from fmp_drake.station.robots.panda_lcm import LoadPanda, OpenLcm
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.station.scenario_parts import SensorConfig
 from fmp_drake.systems import GateConfig, GateMode
@@ -21,6 +21,7 @@ from fmp_drake.systems.panda.arm_status import GateFault
 
 OUTPUTS = {"state": 14, "torque_measured": 7, "torque_external": 7, "mode": 1, "age": 1}
 NOW = 1.7e9
+INITIAL = np.full(7, 0.2)
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +98,7 @@ class Bench:
     def __init__(self, arm, **gate):
         self.lcm = DrakeLcm("memq://")
         config = LcmPanda(gate=GateConfig(return_speed=1.0, **gate))
-        self.driver = MakeDriver(config, arm=arm, lcm=self.lcm)
+        self.driver = MakeDriver(config, arm=arm, initial=INITIAL, lcm=self.lcm)
         self.simulator = Simulator(self.driver)
         self.context = self.simulator.get_mutable_context()
         # A callback of Python's on this bus would end the interpreter.
@@ -200,7 +201,37 @@ def test_a_fault_of_a_message_stops_the_arm_until_it_is_enabled(arm, wrong, faul
     assert_array_equal(torque, np.full(7, 3.0))
 
 
+@pytest.mark.parametrize(
+    ("first", "faults"),
+    [
+        ({"silent": True}, GateFault.STALE),
+        ({"raw": b""}, GateFault.STALE | GateFault.CORRUPT),
+    ],
+)
+def test_before_the_first_status_an_arm_is_stale_and_not_corrupt(arm, first, faults):
+    bench = Bench(arm)
+    for _ in range(5):
+        bench.tick(**first)
+    bench.go = 1
+    bench.tick(**first)
+    assert GateFault(int(bench.show("faults")[0])) is faults
+    assert_array_equal(bench.show("state"), [*INITIAL, *np.zeros(7)])
+    assert bench.show("age") == np.inf
+
+
 # Configurations -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "url", ["bogus", "bogus://", "memq", "udpm:239.255.76.67:7667"]
+)
+def test_bus_that_lcm_does_not_know_is_refused_with_those_it_knows(url):
+    words = (
+        f"there is no bus '{url}'; expected a URL of LCM that begins with one of udpm"
+    )
+    with pytest.raises(StationError, match=words):
+        OpenLcm(url)
+    assert OpenLcm("memq://").get_lcm_url() == "memq://"
 
 
 def test_yaml_selects_the_arm(tmp_path):

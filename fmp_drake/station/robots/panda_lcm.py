@@ -29,6 +29,9 @@ from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.panda.arm_status import JOINTS
 from fmp_drake.systems.torque_gate import TorqueGate
 
+# Providers of Drake's LCM. It warns about others, and goes on without a bus.
+_PROVIDERS = ("udpm://", "mpudpm://", "tcpq://", "memq://", "file://")
+
 
 @dataclass(kw_only=True)
 class LcmPanda(Driver):
@@ -194,14 +197,19 @@ def OpenLcm(url: str) -> DrakeLcm:
     StationError
         If the bus cannot be opened; the message contains the reason.
     """
+    if url and not url.startswith(_PROVIDERS):
+        raise StationError(
+            f"there is no bus {url!r}; expected a URL of LCM that begins with one of "
+            f"{', '.join(_PROVIDERS)}, or nothing for its default."
+        )
     with in_one_line(f"there is no bus {url!r}"):
         return DrakeLcm(url)
 
 
 class RawSerializer(SerializerInterface):
-    """Serializer that passes the bytes of a message unread.
+    """Serializer that passes the bytes of a message unread; no bytes before the first.
 
-    Drake's deserializer exits the program (SystemExit) if the bytes are not a message. These
+    An empty message becomes a zero byte, which is not a status or command either. Drake's deserializer exits the program (SystemExit) if the bytes are not a message. These
     bytes are checked before they are decoded.
     """
 
@@ -211,7 +219,7 @@ class RawSerializer(SerializerInterface):
 
     def Deserialize(self, buffer: bytes, value: Any) -> None:
         """Keep the bytes."""
-        value.set_value(bytes(buffer))
+        value.set_value(bytes(buffer) or b"\0")
 
     def Serialize(self, value: Any) -> bytes:
         """Return the bytes."""

@@ -110,7 +110,14 @@ class ArmReading(NamedTuple):
     @property
     def is_finite(self) -> bool:
         """Return whether its numbers can be used, regardless of the arm's mode."""
-        return not self.faults & (GateFault.CORRUPT | GateFault.NOT_FINITE)
+        unusable = GateFault.STALE | GateFault.CORRUPT | GateFault.NOT_FINITE
+        return not self.faults & unusable
+
+
+def no_status() -> ArmReading:
+    """Return the reading before the first status."""
+    nothing = np.zeros(JOINTS)
+    return ArmReading(-np.inf, np.zeros(2 * JOINTS), nothing, nothing, GateFault.STALE)
 
 
 def decode(message_type: Any, data: bytes) -> Any:
@@ -132,10 +139,7 @@ def read_status(message: Any) -> ArmReading:
     >>> read_status(lcmt_panda_status()).faults
     <GateFault.CORRUPT: 4>
     """
-    nothing = np.zeros(JOINTS)
-    corrupt = ArmReading(
-        -np.inf, np.zeros(2 * JOINTS), nothing, nothing, GateFault.CORRUPT
-    )
+    corrupt = no_status()._replace(faults=GateFault.CORRUPT)
     try:
         rows = np.array(
             [
