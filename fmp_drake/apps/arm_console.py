@@ -54,6 +54,7 @@ def guide_arm(
         scenario,
         config,
         until=lambda elapsed: elapsed >= duration or is_enter_pressed() or is_ended(),
+        remark=console.print,
         note="guided by hand, on an arm behind LCM",
     )
     console.print(recorded_text(demonstration))

@@ -44,6 +44,8 @@ _WAIT = 1e-4
 # Shortest time between two samples of a recording, and most by which the time between two
 # stamps may differ from that between their arrivals, s.
 _SAMPLE_PERIOD, _MAX_DRIFT = 0.01, 0.25
+# Time without a status after which a recording reports it, s.
+_SILENCE = 1.0
 # Statuses with these faults are not recorded.
 _NOT_RECORDED = GateFault.OUT_OF_RANGE | GateFault.TOO_FAST | GateFault.JUMP
 
@@ -211,6 +213,7 @@ def record_arm(
     *,
     lcm: DrakeLcmInterface | None = None,
     until: Callable[[float], bool],
+    remark: Callable[[str], Any] = lambda _: None,
     note: str = "",
 ) -> Demonstration:
     """Record the hand guiding of an arm; return the longest part without a gap.
@@ -225,6 +228,8 @@ def record_arm(
         With the eraser and the board.
     config, lcm, until
         As for `listen`.
+    remark : callable
+        Called with a sentence where no status arrives in the first second.
     note : str
 
     Raises
@@ -236,10 +241,21 @@ def record_arm(
     config.check_robot(robot_config)
     robot = MakeRobotModel(robot_config, scenario.held_tool())
     limits, no_torque = joint_limits(robot.plant), np.zeros(JOINTS)
-    track, offset = initial_track(), None
+    track, offset, is_remarked = initial_track(), None, False
     times: list[float] = []
     states: list[Array] = []
-    for arrival, _, _, reading in listen(config, lcm=lcm, until=until):
+
+    def is_over(elapsed: float) -> bool:
+        nonlocal is_remarked
+        if offset is None and not is_remarked and elapsed > _SILENCE:
+            is_remarked = True
+            remark(
+                f"no status on {config.status_channel} yet: check that the robot's driver "
+                "runs, on this bus; waiting for it"
+            )
+        return until(elapsed)
+
+    for arrival, _, _, reading in listen(config, lcm=lcm, until=is_over):
         if not reading.is_finite:
             continue
         offset = reading.time - arrival if offset is None else offset

@@ -55,7 +55,7 @@ def test_arm_names_a_bus_or_a_file(tmp_path):
         (["--arm", "lcm:memq://", "--mean"], "--sample, --mean, --seed and"),
         (["--arm", "ros"], "expected lcm"),
         (["--arm", "lcm:memq://"], "no terminal in which to enable the arm"),
-        (["--arm", "lcm:no bus", "--go"], "there is no bus 'no bus'"),
+        (["--arm", "lcm:no bus", "--go"], "there is no bus 'no bus'; expected a URL"),
     ],
 )
 def test_impossible_options_of_an_arm_are_refused(
@@ -81,12 +81,14 @@ def test_silent_arm_fails_the_check_and_cannot_be_recorded(
     assert [each["is_good"] for each in checked["arm"]] == [True, False]
     monkeypatch.setattr(sys, "stdin", None)
     for options in (
-        ["record", "--duration", "0.6", "--out", "shown.npz"],
+        ["record", "--duration", "1.3", "--out", "shown.npz"],
         ["teach", "--duration", "0.5"],
     ):
         with pytest.raises(SystemExit):
             main([*options, "--arm", "lcm:memq://"])
-        assert "no status was received" in capsys.readouterr().err
+        printed = capsys.readouterr()
+        assert "no status was received" in printed.err
+        assert ("no status on PANDA_STATUS yet" in printed.out) == ("1.3" in options)
     refusals = {
         "leave out --page": ["--page"],
         "--task and --seed are for the simulated person": ["--task", "eight"],

@@ -129,6 +129,37 @@ def test_wrong_bits_and_reordered_statuses_are_not_recorded(monkeypatch, faults)
     )
 
 
+def test_recording_reports_once_and_soon_that_no_status_arrives(monkeypatch):
+    bus, times, remarks = Bus(monkeypatch, speaks=False), [], []
+
+    def until(seconds):
+        times.append(seconds)
+        return seconds >= 10.0
+
+    with pytest.raises(RunError, match="no status was received"):
+        record_arm(
+            *(bus.scenario, LcmPanda()),
+            lcm=bus.lcm,
+            until=until,
+            remark=lambda text: remarks.append((times[-1], text)),
+        )
+    [(seconds, text)] = remarks
+    assert seconds < 2.0
+    assert text.startswith(
+        "no status on PANDA_STATUS yet: check that the robot's driver"
+    )
+    remarks.clear()
+    hand = SimulatedHand(HandMotion.make("eight", duration=4.0, seed=0))
+    bus = Bus(monkeypatch, hand=hand)
+    record_arm(
+        *(bus.scenario, LcmPanda()),
+        lcm=bus.lcm,
+        until=lambda s: s >= 2.5,
+        remark=remarks.append,
+    )
+    assert not remarks
+
+
 def test_silent_or_resting_arm_has_no_recording(monkeypatch):
     for speaks, word in ((False, "no status was received"), (True, "nothing moved")):
         bus = Bus(monkeypatch, speaks=speaks)
