@@ -1,4 +1,4 @@
-"""Types of arrays, checks of the user's numbers and arrays, and the limit of BLAS threads."""
+"""Types of arrays, checks of the user's values, and the limit of BLAS threads."""
 
 import operator
 from collections.abc import Iterator
@@ -140,6 +140,24 @@ def check_number(
         text = shown(value) if is_long else value
         hint = f" ({hint})" if hint else ""
         raise error(f"{what} is {text}{unit}; it must be {allowed}{hint}.")
+
+
+def check_type(value: Any, what: str, kind: Any, *, error: type[FmpError]) -> None:
+    """Raise an error with the value and the expected type, where it is of another one.
+
+    Parameters
+    ----------
+    value : object
+    what : str
+        Name of the value, for the error.
+    kind : type or union of types
+    error : type
+        Type of the error.
+    """
+    if not isinstance(value, kind):
+        name = getattr(kind, "__name__", kind)
+        text = " ".join(shown(value).split())
+        raise error(f"{what} is {text}; its type must be {name}.")
 
 
 def shown(value: Any) -> str:

@@ -116,7 +116,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array, check_number
+from fmp_drake.numeric import Array, check_number, check_type
 from fmp_drake.systems.impedance.algebra import Pose
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.controller_status import STATUS_SIZE, STOP_REASONS
@@ -205,10 +205,12 @@ class OperationalSpaceImpedanceController(LeafSystem):
     Parameters
     ----------
     plant : MultibodyPlant
-        A finalized plant that holds the arm and its tool and nothing else, with one
-        actuator for every joint in the joints' order; source of the joint limits.
+        A finalized plant that holds the arm and its tool and nothing else, without
+        constraints, and with one actuator for every joint in the joints' order; source of
+        the joint limits. An arm of fewer than six joints cannot reach every pose: it
+        follows the target as far as its joints allow (`NEAR_SINGULAR`).
     end_effector : Frame
-        E, a frame of `plant`.
+        E, a frame of `plant` that every joint moves.
     X_WT : RigidTransform
         Pose of the task frame in the world.
     config : ImpedanceConfig
@@ -260,6 +262,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
         super().__init__()
         self.set_name("operational_space_impedance_controller")
         self._arm = ArmModel(plant, end_effector)
+        check_type(X_WT, "X_WT", RigidTransform, error=SystemsError)
+        check_type(config, "config", ImpedanceConfig, error=SystemsError)
         self._X_WT = X_WT
         check_number(engage_height, "engage_height", above=0, error=SystemsError)
         check_number(contact_height, "contact_height", least=0, error=SystemsError)

@@ -16,7 +16,7 @@ from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForce,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.multibody.tree import JacobianWrtVariable, SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.controllers import InverseDynamics
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
@@ -37,6 +37,7 @@ from fmp_drake.systems.impedance.joints import rate_scale, torque_scale
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
 from fmp_drake.systems.impedance.records import values_of
 from fmp_drake.systems.impedance.step import impedance_step
+from fmp_drake.systems.interface.arm_model import ArmModel
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
@@ -450,6 +451,92 @@ def test_a_joint_without_a_motor_is_refused():
     passive = TWO_JOINTS.replace("</robot>", PASSIVE_JOINT + "</robot>")
     with pytest.raises(SystemsError, match=r"each of its 3 joints.*it has 2"):
         make_planar(planar_plant(passive))
+
+
+def test_motors_in_another_order_than_the_joints_are_refused_with_both_orders():
+    shoulder, elbow = (
+        f"""  <transmission type="SimpleTransmission"><joint name="{name}"/>
+    <actuator name="{name}_motor"/></transmission>
+"""
+        for name in ("shoulder", "elbow")
+    )
+    assert shoulder + elbow in TWO_JOINTS
+    plant = planar_plant(TWO_JOINTS.replace(shoulder + elbow, elbow + shoulder))
+    order = "order shoulder, elbow; it has 2: elbow, shoulder"
+    with pytest.raises(SystemsError, match=order):
+        make_planar(plant)
+
+
+def second_arm(plant: MultibodyPlant) -> None:
+    other = TWO_JOINTS.replace("planar", "other")
+    Parser(plant).AddModelsFromString(other, "urdf")
+
+
+def coupled_joints(plant: MultibodyPlant) -> None:
+    shoulder, elbow = (plant.GetJointByName(name) for name in ("shoulder", "elbow"))
+    plant.AddCouplerConstraint(shoulder, elbow, gear_ratio=1.0)
+
+
+@pytest.mark.parametrize(
+    ("edit", "end_effector", "words"),
+    [
+        (second_arm, "lower", "shoulder does not move end_effector lower; .* one arm"),
+        (coupled_joints, "lower", r"has constraints \(1\).*; it must have none"),
+        (None, "world", "shoulder does not move end_effector world"),
+        (None, "base", "shoulder does not move end_effector base"),
+        (None, "upper", "elbow does not move end_effector upper"),
+    ],
+)
+def test_a_plant_of_more_than_an_arm_and_its_tool_is_refused(edit, end_effector, words):
+    plant = planar_plant(finalize=False)
+    arm = plant.GetModelInstanceByName("planar")
+    if edit is not None:
+        edit(plant)
+    plant.Finalize()
+    frame = plant.world_frame()
+    if end_effector != "world":
+        frame = plant.GetFrameByName(end_effector, arm)
+    with pytest.raises(SystemsError, match=words):
+        ArmModel(plant, frame)
+
+
+def test_a_wall_that_does_not_move_may_be_in_the_plant():
+    plant = planar_plant(finalize=False)
+    inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
+    wall = plant.AddRigidBody("wall", plant.AddModelInstance("room"), inertia)
+    plant.WeldFrames(plant.world_frame(), wall.body_frame())
+    plant.Finalize()
+    assert make_planar(plant).GetOutputPort("torque").size() == 2
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"plant": "planar"}, "plant is 'planar'; its type must be MultibodyPlant"),
+        ({"end_effector": "lower"}, "end_effector is 'lower'; its type must be Frame"),
+        ({"X_WT": np.eye(4)}, r"X_WT is array\(.*; its type must be RigidTransform"),
+        ({"config": {}}, "config is {}; its type must be ImpedanceConfig"),
+        ({"config": None}, "config is None; its type must be ImpedanceConfig"),
+        ({"config": ImpedanceConfig(walls=None)}, "walls is None; its type must be J"),
+        ({"q_posture": "home"}, "q_posture: 'home' cannot be read"),
+    ],
+)
+def test_an_argument_of_another_type_is_named_with_the_expected_type(wrong, words):
+    plant = planar_plant()
+    arguments = {
+        "plant": plant,
+        "end_effector": plant.GetFrameByName("lower"),
+        "X_WT": RigidTransform(),
+        "config": ImpedanceConfig(),
+    }
+    with pytest.raises(SystemsError, match=words):
+        OperationalSpaceImpedanceController(**arguments | wrong)
+
+
+def test_the_frame_of_another_plant_is_refused():
+    plant, other = planar_plant(), planar_plant()
+    with pytest.raises(SystemsError, match="lower is a frame of another plant"):
+        ArmModel(plant, other.GetFrameByName("lower"))
 
 
 def test_a_plant_that_is_not_finalized_is_refused():

@@ -7,7 +7,7 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import CacheIndex, Context, LeafSystem, ValueProducer
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, as_floats, check_type
 from fmp_drake.systems.impedance.joints import JointLimits
 
 type _Arguments = tuple[bool, Array, Array, Array, Array, Array, Array, Array]
@@ -21,16 +21,16 @@ class ArmModel:
     plant : MultibodyPlant
         Finalized; the arm and its tool, nothing else.
     end_effector : Frame
-        E.
+        E, moved by every joint.
 
     Raises
     ------
     SystemsError
-        Where the plant is not one fully actuated arm.
+        Where the plant is not one fully actuated arm without constraints.
     """
 
     def __init__(self, plant: MultibodyPlant, end_effector: Frame) -> None:
-        _check_plant(plant)
+        _check_plant(plant, end_effector)
         self._plant = plant
         self._end_effector = end_effector
         world, origin = plant.world_frame(), np.zeros(3)
@@ -114,8 +114,10 @@ def joint_limits(plant: MultibodyPlant) -> JointLimits:
     )
 
 
-def _check_plant(plant: MultibodyPlant) -> None:
-    """Raise an error for a plant that is not one fully actuated arm."""
+def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
+    """Raise an error for a plant that is not one fully actuated arm with an end effector."""
+    check_type(plant, "plant", MultibodyPlant, error=SystemsError)
+    check_type(end_effector, "end_effector", Frame, error=SystemsError)
     if not plant.is_finalized():
         raise SystemsError("The controller's plant must be finalized first.")
     n = plant.num_velocities()
@@ -125,13 +127,37 @@ def _check_plant(plant: MultibodyPlant) -> None:
             f"{plant.num_positions()} positions and {n} velocities, not equal numbers "
             "above 0."
         )
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices()]
+    joints = [joint for joint in joints if joint.num_velocities()]
+    joints.sort(key=lambda joint: joint.velocity_start())
     if plant.num_actuators() != n or not np.array_equal(
         plant.MakeActuationMatrix(), np.eye(n)
     ):
+        indices = plant.GetJointActuatorIndices()
+        actuated = [plant.get_joint_actuator(i).joint().name() for i in indices]
         raise SystemsError(
-            f"The controller's plant must have one actuator for each of its {n} "
-            f"joints, in their order; it has {plant.num_actuators()}."
+            f"The controller's plant must have one actuator for each of its {n} joints, "
+            f"in their order {', '.join(joint.name() for joint in joints)}; it has "
+            f"{len(actuated)}: {', '.join(actuated)}."
         )
+    if plant.num_constraints():
+        raise SystemsError(
+            f"The controller's plant has constraints ({plant.num_constraints()}), such as "
+            "those of mimic joints, which its dynamics leave out; it must have none."
+        )
+    if end_effector.GetParentPlant() is not plant:
+        raise SystemsError(
+            f"end_effector {end_effector.name()} is a frame of another plant; it must be "
+            "one of the controller's plant."
+        )
+    body = end_effector.body().index()
+    for joint in joints:
+        if body not in plant.GetBodiesKinematicallyAffectedBy([joint.index()]):
+            raise SystemsError(
+                f"{joint.name()} does not move end_effector {end_effector.name()}; the "
+                "controller's plant must hold one arm and its tool, and nothing else that "
+                "moves."
+            )
 
 
 def checked_posture(plant: MultibodyPlant, q_posture: Array | None) -> Array:
@@ -139,7 +165,7 @@ def checked_posture(plant: MultibodyPlant, q_posture: Array | None) -> Array:
     if q_posture is None:
         return joint_limits(plant).middle
     lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-    q = np.array(q_posture, dtype=float)
+    q = np.array(as_floats(q_posture, "q_posture", error=SystemsError))
     if q.shape != lower.shape or not np.all((lower <= q) & (q <= upper)):
         raise SystemsError(
             f"q_posture must be {lower.size} angles between {lower} and {upper} rad, "
