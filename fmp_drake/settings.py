@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 
 from fmp_drake.errors import FmpError
-from fmp_drake.numeric import check_number, shown
+from fmp_drake.numeric import check_number, check_type, shown
 
 # Limits of YAML text: bytes, nodes with aliases expanded, and levels. The station with
 # the most settings has 300 nodes on 5 levels.
@@ -70,6 +70,8 @@ def check_settings(settings: Any, error: type[FmpError], name: str = "") -> None
             setattr(settings, field.name, value)
         if dataclasses.is_dataclass(value):
             check_settings(value, error, f"{path}.")
+        elif dataclasses.is_dataclass(default):
+            check_type(value, path, type(default), error=error)
         elif isinstance(default, list) and field.type != list[str]:
             _check_list(value, default, field.metadata, error, path)
         elif value is default is None:

@@ -37,6 +37,8 @@ def test_settings_in_their_ranges_pass():
 @pytest.mark.parametrize(
     ("tool", "message"),
     [
+        (Tool(None), "tool.felt is None; its type must be Felt."),
+        (Tool({"size": 1}), "tool.felt is {'size': 1}; its type must be Felt."),
         (Tool(Felt(-0.1)), "tool.felt.friction is -0.1; it must be at least 0 and"),
         (Tool(Felt(1.1)), "tool.felt.friction is 1.1; .* and at most 1"),
         (Tool(Felt(float("nan"))), "tool.felt.friction is nan; it must be at least 0"),

@@ -1,7 +1,7 @@
 """External forces on the simulated arm: disturbances, the mouse, and hands that teach."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from pydrake.geometry import Meshcat, SceneGraph
@@ -163,6 +163,7 @@ GUIDING = ImpedanceConfig(
 )
 
 
+@runtime_checkable
 class TeachingHand(Protocol):
     """Hand that guides the arm: simulated, by the mouse, or a person's at a real arm.
 

@@ -291,12 +291,13 @@ def LoadScenario(path: str | Path, *, robot: str | None = None) -> Scenario:
 
 
 def check_scenario(scenario: Any, call: str) -> None:
-    """Raise a StationError where the argument of a call is not a scenario."""
+    """Raise a StationError where the argument of a call is not a valid scenario."""
     if not isinstance(scenario, Scenario):
         raise StationError(
             f"{call} needs a scenario, such as LoadScenario('table_top'); "
             f"it is {reprlib.repr(scenario)}."
         )
+    scenario.check()
 
 
 def ParseScenario(text: str | bytes, *, name: str = "this") -> Scenario:

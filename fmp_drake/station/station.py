@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, Syste
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, check_type
 from fmp_drake.primitives import FourierMovementPrimitive, Tracker
 from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.station.arm_controller import AddArmController
@@ -158,6 +158,12 @@ def MakeStation(
     3
     """
     check_scenario(scenario, "MakeStation(scenario)")
+    for name, value, kind in (
+        ("operator", operator, FourierMovementPrimitive | TeachingHand | None),
+        ("driver", driver, Driver | None),
+        ("meshcat", meshcat, Meshcat | None),
+    ):
+        check_type(value, name, kind, error=StationError)
     if not isinstance(operator, FourierMovementPrimitive | None):
         return _MakeTeachingStation(scenario, operator, start, q, meshcat)
     if operator is not None:

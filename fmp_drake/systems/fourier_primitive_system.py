@@ -370,7 +370,7 @@ class FourierPrimitiveSystem(LeafSystem):
         return bool(np.all(np.abs(measured - self._centre) <= self._max_deviation))
 
     def _check_start(self, measured: Array) -> None:
-        if np.all(np.isfinite(measured)) and not self._is_plausible(measured):
+        if not self._is_plausible(measured):
             lowest = self._centre - self._max_deviation
             highest = self._centre + self._max_deviation
             raise SystemsError(

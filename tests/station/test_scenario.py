@@ -7,6 +7,7 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_typed
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import FmpError, StationError
+from fmp_drake.station import MakeStation, MakeWipingStation
 from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.scenario import ListScenarios, LoadScenario, Scenario
@@ -288,6 +289,39 @@ def test_value_that_does_not_fit_is_named_when_the_scene_is_built(write):
     scenario = LoadScenario(write("plant: {discrete_contact_approximation: none}"))
     with pytest.raises(FmpError, match="none"):
         AddBoardScene(DiagramBuilder(), scenario, start=scenario.start)
+
+
+def without_board():
+    scenario = Scenario()
+    scenario.board = None
+    return scenario
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: MakeStation("table_top", None), "needs a scenario, such as LoadScen"),
+        (
+            lambda: MakeStation(without_board(), None),
+            "board is None; its type must be B",
+        ),
+        (
+            lambda: MakeWipingStation(Scenario(), "wiping"),
+            r"operator is 'wiping'; its type must be .*FourierMovementPrimitive \| .*Hand",
+        ),
+        (
+            lambda: MakeStation(Scenario(), None, meshcat=3),
+            r"meshcat is 3; its type must be pydrake.geometry.Meshcat \| None",
+        ),
+        (
+            lambda: MakeStation(Scenario(), None, driver="lcm"),
+            r"driver is 'lcm'; its type must be .*Driver \| None",
+        ),
+    ],
+)
+def test_argument_of_another_type_is_named_when_a_station_is_built(make, words):
+    with pytest.raises(StationError, match=words):
+        make()
 
 
 def test_start_that_the_arm_cannot_reach_is_refused():

@@ -13,7 +13,7 @@ from pydrake.systems.analysis import (
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from fmp_drake.errors import SkillError, SystemsError
+from fmp_drake.errors import SystemsError
 from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker, Player
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 
@@ -457,7 +457,8 @@ def test_starts_at_any_time(system, small_skill, start, t0):
 
 
 def test_start_that_is_not_finite_is_refused(system):
-    with pytest.raises(SkillError, match="NaN or infinite numbers in the start"):
+    words = r"fourier_primitive: the measured position is \[.* nan\]; it must be from"
+    with pytest.raises(SystemsError, match=words):
         simulator_at(system, [0.0, np.nan])
 
 
