@@ -155,9 +155,9 @@ def check_type(value: Any, what: str, kind: Any, *, error: type[FmpError]) -> No
         Type of the error.
     """
     if not isinstance(value, kind):
-        name = getattr(kind, "__name__", kind)
+        names = [each.__name__ for each in getattr(kind, "__args__", (kind,))]
         text = " ".join(shown(value).split())
-        raise error(f"{what} is {text}; its type must be {name}.")
+        raise error(f"{what} is {text}; its type must be {' or '.join(names)}.")
 
 
 def shown(value: Any) -> str:

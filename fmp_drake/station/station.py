@@ -68,7 +68,8 @@ def MakeStation(
     ``ApplySimulatorConfig(scenario.simulator, simulator)``. This Drake function sets the
     time of the simulator's context to 0: restore a saved context after it, not before.
     Several stations in one diagram need names of their own: add each by
-    ``DiagramBuilder.AddNamedSystem``.
+    ``DiagramBuilder.AddNamedSystem``. Drake ends the program (SystemExit) where two systems
+    of a diagram have one name.
 
     Systems of every station: controller and driver; plant and scene_graph of a simulated
     arm. Further systems:
@@ -157,13 +158,7 @@ def MakeStation(
     >>> station.GetInputPort("desired_position").size()
     3
     """
-    check_scenario(scenario, "MakeStation(scenario)")
-    for name, value, kind in (
-        ("operator", operator, FourierMovementPrimitive | TeachingHand | None),
-        ("driver", driver, Driver | None),
-        ("meshcat", meshcat, Meshcat | None),
-    ):
-        check_type(value, name, kind, error=StationError)
+    _CheckTypes(scenario, operator, driver, meshcat)
     if not isinstance(operator, FourierMovementPrimitive | None):
         return _MakeTeachingStation(scenario, operator, start, q, meshcat)
     if operator is not None:
@@ -255,6 +250,17 @@ def MakeWipingStation(
 ) -> Diagram:
     """Build a station that plays a skill: `MakeStation`, with its options."""
     return MakeStation(scenario, skill, **options)
+
+
+def _CheckTypes(scenario: Any, operator: Any, driver: Any, meshcat: Any) -> None:
+    """Raise an error for arguments of `MakeStation` that are not of its types."""
+    check_scenario(scenario, "MakeStation(scenario)")
+    for name, value, kind in (
+        ("operator", operator, FourierMovementPrimitive | TeachingHand | None),
+        ("driver", driver, Driver | None),
+        ("meshcat", meshcat, Meshcat | None),
+    ):
+        check_type(value, name, kind, error=StationError)
 
 
 def CheckNormalForce(scene: BoardScene) -> None:

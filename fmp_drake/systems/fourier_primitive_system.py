@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array, check_number
+from fmp_drake.numeric import Array, check_number, shown
 from fmp_drake.primitives import (
     FourierMovementPrimitive,
     PlaybackState,
@@ -57,8 +57,10 @@ class FourierPrimitiveSystem(LeafSystem):
     the mean (or a sample) of the active component (Algorithm 2), and re-maps them every
     T - K samples, or somewhat earlier: the last K desired positions become the start of
     a new window (section V-D of the paper). The outputs follow from that state in closed
-    form, so they are exact at every time between two events, and no re-mapping makes them
-    jump.
+    form, so they are exact at every time between two events. Position and velocity are
+    continuous at a re-mapping. The acceleration jumps: with a mixture of the bundled
+    figure 8 by 0.3 to 0.4 m/s^2, where its greatest value is 1.6; with a phase model by
+    0.01 m/s^2.
 
     In the reactive mode the movement waits for a robot that is pushed off its path: it
     slows down above half of `push_threshold` and stands still beyond it. After a push of
@@ -72,7 +74,8 @@ class FourierPrimitiveSystem(LeafSystem):
     A simulation may begin at any time. A Context that has been played, saved or cloned
     continues in another Simulator; to begin anew, give it the default state first.
 
-    Where a diagram has several, give each its name by `DiagramBuilder.AddNamedSystem`.
+    Where a diagram has several, give each its name by `DiagramBuilder.AddNamedSystem`: Drake
+    ends the program (SystemExit) where two systems of a diagram have one name.
 
     Input ports
     -----------
@@ -178,6 +181,8 @@ class FourierPrimitiveSystem(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("fourier_primitive")
+        if sample not in (True, False):
+            raise SystemsError(f"sample is {shown(sample)}; it must be True or False.")
         player = Player(skill, tracker=tracker, sample=sample, seed=seed, margin=margin)
         self._player = player
         if push_threshold is not None:

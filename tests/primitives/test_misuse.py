@@ -82,10 +82,6 @@ WRONG = {
     "other model": (lambda: fit(recording(), model="best"), "it must be 'mixture'"),
     "played recording": (lambda: Player(recording()), r"Player\(skill\) needs a skill"),
     "played nothing": (lambda: Player(None), r"Player\(skill\) .* it is None"),
-    "sampled by a word": (
-        lambda: Player(player().skill, sample="yes"),
-        "sample is 'yes'; it must be True or False",
-    ),
     "saved the wrong way": (
         lambda: save_skill("a", NOT_FITTED),
         r"save_skill\(skill, p",

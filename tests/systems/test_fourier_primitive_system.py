@@ -456,6 +456,11 @@ def test_starts_at_any_time(system, small_skill, start, t0):
     assert state.remaps == 2
 
 
+def test_sample_that_is_not_a_bool_is_refused(small_skill):
+    with pytest.raises(SystemsError, match="sample is 'yes'; it must be True or False"):
+        FourierPrimitiveSystem(small_skill, sample="yes")
+
+
 def test_start_that_is_not_finite_is_refused(system):
     words = r"fourier_primitive: the measured position is \[.* nan\]; it must be from"
     with pytest.raises(SystemsError, match=words):

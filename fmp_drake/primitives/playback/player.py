@@ -15,7 +15,6 @@ from fmp_drake.numeric import (
     check_number,
     finite_array,
     one_blas_thread,
-    shown,
 )
 from fmp_drake.primitives.model.basis import closing_samples
 from fmp_drake.primitives.model.mapping import MappingPlan
@@ -164,8 +163,6 @@ class Player:
         check_number(blend_time, "blend_time", least=1e-3, unit="s")
         check_number(confidence, "confidence", above=0.0, most=1.0)
         check_number(seed, "seed", least=0, whole=True)
-        if sample not in (True, False):
-            raise SkillError(f"sample is {shown(sample)}; it must be True or False.")
         self.skill = skill
         self.sample = sample
         self.seed = int(seed)
