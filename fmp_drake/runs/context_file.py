@@ -59,13 +59,15 @@ def load_context(context: Context, path: str | Path) -> None:
     Parameters
     ----------
     context : Context
-        Context of a diagram that is built like the saved one. An error does not change it.
+        Context of a diagram that is built like the saved one, such as a station of the same
+        scenario and skill. Only the sizes of its state and parameters can be compared with
+        the file's. An error does not change it.
     path : path
 
     Raises
     ------
     RunError
-        If the file is missing, broken, newer, or of another diagram.
+        If the file is missing, broken, newer, or of a diagram with other sizes.
     """
     metadata, arrays = FORMAT.read(Path(path))
     stored = {name: values.shape for name, values in arrays.items()}

@@ -27,6 +27,7 @@ from fmp_drake.station.scenario_parts import (
     SensorConfig,
     ShowConfig,
     SkillConfig,
+    field_names,
     in_one_line,
     load_settings,
 )
@@ -118,6 +119,24 @@ class Scenario:
     tolerance: float = bounded(0.010, above=0)
     camera: CameraConfig = field(default_factory=CameraConfig)
     show: ShowConfig = field(default_factory=ShowConfig)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the values; Drake's own, which cannot be pickled, as dictionaries."""
+        return vars(self) | {
+            name: {key: getattr(config, key) for key in field_names(config)}
+            for name, config in (("plant", self.plant), ("simulator", self.simulator))
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the values."""
+        vars(self).update(state)
+        self.plant = MultibodyPlantConfig(**state["plant"])
+        self.simulator = SimulatorConfig(**state["simulator"])
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether all values are equal, also Drake's own, which do not compare."""
+        is_scenario = isinstance(other, Scenario)
+        return is_scenario and self.__getstate__() == other.__getstate__()
 
     def check(self) -> None:
         """Check every value.
@@ -308,6 +327,8 @@ def ParseScenario(text: str | bytes, *, name: str = "this") -> Scenario:
     Parameters
     ----------
     text : str or bytes
+        A mapping, ``{}`` for the defaults. A text without any key is refused: its file may be
+        broken.
     name : str
         Of the text, for errors.
 

@@ -1,5 +1,8 @@
 """Facts about scenarios and their files."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -10,7 +13,12 @@ from fmp_drake.errors import FmpError, StationError
 from fmp_drake.station import MakeStation, MakeWipingStation
 from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.models.model_files import models_dir
-from fmp_drake.station.scenario import ListScenarios, LoadScenario, Scenario
+from fmp_drake.station.scenario import (
+    ListScenarios,
+    LoadScenario,
+    ParseScenario,
+    Scenario,
+)
 from fmp_drake.station.scenario_parts import BoardConfig
 
 BUNDLED = sorted(path.stem for path in (models_dir() / "scenarios").glob("*.yaml"))
@@ -114,6 +122,28 @@ def test_scenario_survives_a_round_trip(write):
     again = LoadScenario(write(dump(scenario)))
     assert dump(again) == dump(scenario)
     assert dump(yaml_load_typed(schema=Scenario, data=dump(scenario))) == dump(scenario)
+
+
+@pytest.mark.parametrize("name", ListScenarios())
+def test_bundled_scenario_equals_its_copies_and_no_changed_one(name):
+    scenario = LoadScenario(name)
+    for again in (
+        LoadScenario(name),
+        pickle.loads(pickle.dumps(scenario)),
+        copy.deepcopy(scenario),
+        ParseScenario(dump(scenario)),
+    ):
+        assert again == scenario
+        assert dump(again) == dump(scenario)
+    for part, key, value in (
+        ("plant", "penetration_allowance", 0.02),
+        ("simulator", "accuracy", 0.02),
+        ("press", "force", 3.25),
+    ):
+        other = copy.deepcopy(scenario)
+        setattr(getattr(other, part), key, value)
+        assert other != scenario
+    assert scenario != dump(scenario)
 
 
 def test_two_scenarios_share_no_list():
@@ -307,15 +337,15 @@ def without_board():
         ),
         (
             lambda: MakeWipingStation(Scenario(), "wiping"),
-            r"operator is 'wiping'; its type must be .*FourierMovementPrimitive \| .*Hand",
+            "operator is 'wiping'; its type must be FourierMovementPrimitive or Teach",
         ),
         (
             lambda: MakeStation(Scenario(), None, meshcat=3),
-            r"meshcat is 3; its type must be pydrake.geometry.Meshcat \| None",
+            "meshcat is 3; its type must be Meshcat or NoneType",
         ),
         (
             lambda: MakeStation(Scenario(), None, driver="lcm"),
-            r"driver is 'lcm'; its type must be .*Driver \| None",
+            "driver is 'lcm'; its type must be Driver or NoneType",
         ),
     ],
 )
