@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems.impedance.algebra import Pose, TaskTarget, task_error, unwrapped
 from fmp_drake.systems.impedance.controller_status import (
     STATUS_SIZE,
@@ -477,7 +478,11 @@ def test_a_contact_that_drives_a_joint_is_still_countered():
 
 
 def test_the_status_is_read_by_name():
-    status = ImpedanceStatus.from_vector([65.0, 0.0, 0.5, 1.0, -2.0, 0.3])
+    values = [65.0, 0.0, 0.5, 1.0, -2.0, 0.3]
+    status = ImpedanceStatus.from_vector(values)
+    assert ImpedanceStatus.from_vector(np.array(values)) == status
+    with pytest.raises(SystemsError, match=r"status of shape \(2,\); expected \(6,\)"):
+        ImpedanceStatus.from_vector([1.0, 2.0])
     assert status.flags == StatusFlag.PROTECTIVE_STOP | StatusFlag.ERROR_CLIPPED
     assert status[1:] == (0.0, 0.5, 1.0, -2.0, 0.3)
     assert len(status) == STATUS_SIZE

@@ -1,8 +1,12 @@
 """Status of the impedance controller: flags, and their texts for people."""
 
-from collections.abc import Sequence
 from enum import IntFlag
 from typing import Literal, NamedTuple, Self
+
+from numpy.typing import ArrayLike
+
+from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import as_floats
 
 
 class StatusFlag(IntFlag):
@@ -113,15 +117,22 @@ class ImpedanceStatus(NamedTuple):
     tank_energy: float
 
     @classmethod
-    def from_vector(cls, vector: Sequence[float]) -> Self:
+    def from_vector(cls, vector: ArrayLike) -> Self:
         """Read the port's vector.
 
         Parameters
         ----------
         vector : array_like, shape (6,)
             The fields in their order.
+
+        Raises
+        ------
+        SystemsError
+            If the vector has another size.
         """
-        flags, *rest = (float(value) for value in vector)
+        size = len(cls._fields)
+        values = as_floats(vector, "the status", (size,), error=SystemsError)
+        flags, *rest = values.tolist()
         return cls(StatusFlag(int(flags)), *rest)
 
 
