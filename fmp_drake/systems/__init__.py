@@ -7,7 +7,13 @@ Every module directly in this folder is one LeafSystem of its name. The visualiz
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.controller_status import ImpedanceStatus, StatusFlag
-from fmp_drake.systems.impedance.joints import FrictionConfig
+from fmp_drake.systems.impedance.force_control import ForceControlConfig
+from fmp_drake.systems.impedance.joints import FrictionConfig, JointWallConfig
+from fmp_drake.systems.impedance.stiffness import (
+    CovarianceStiffnessConfig,
+    EnergyTankConfig,
+)
+from fmp_drake.systems.impedance.supervision import WatchdogConfig
 from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink_board import InkBoard
 from fmp_drake.systems.normal_force_estimator import NormalForceEstimator
@@ -21,6 +27,9 @@ from fmp_drake.systems.teaching.hand_motion import HandMotion
 
 __all__ = [
     "AddPathToRecording",
+    "CovarianceStiffnessConfig",
+    "EnergyTankConfig",
+    "ForceControlConfig",
     "FourierPrimitiveSystem",
     "FrictionConfig",
     "GateConfig",
@@ -31,10 +40,12 @@ __all__ = [
     "InkBoard",
     "InkGrid",
     "InlinePage",
+    "JointWallConfig",
     "NormalForceEstimator",
     "OperationalSpaceImpedanceController",
     "PagePanel",
     "StatusFlag",
+    "WatchdogConfig",
     "draw_demonstrations",
     "hidden_meshcat",
 ]
