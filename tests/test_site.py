@@ -17,7 +17,6 @@ from fmp_drake.station import CheckFeasibility, ParseScenario
 
 SITE = Path(__file__).resolve().parents[1] / "examples" / "site"
 PAGES = sorted(SITE.glob("[!g]*.rst")) + sorted(SITE.glob("[ht]*/*.rst"))
-RECIPES = sorted(path.name for path in SITE.glob("howto/*.rst"))
 
 
 def blocks(language, path):
@@ -28,6 +27,11 @@ def blocks(language, path):
         flags=re.MULTILINE,
     )
     return [re.sub(r"^   ", "", block, flags=re.MULTILINE) for block in found]
+
+
+PROGRAMS = [
+    page.relative_to(SITE).as_posix() for page in PAGES if blocks("python", page)
+]
 
 
 def commands():
@@ -71,7 +75,7 @@ def test_skills_can_be_followed_on_the_boards_that_are_described():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", RECIPES)
+@pytest.mark.parametrize("name", PROGRAMS)
 def test_programs_of_a_page_run_one_after_the_other(
     name, tmp_path, monkeypatch, capsys
 ):
@@ -81,7 +85,7 @@ def test_programs_of_a_page_run_one_after_the_other(
     table = np.column_stack([time, *path])
     np.savetxt("my_motion.csv", table, delimiter=",", header="time,x,y,z", comments="")
     program = tmp_path / "program.py"
-    program.write_text("".join(blocks("python", SITE / "howto" / name)), "utf-8")
+    program.write_text("".join(blocks("python", SITE / name)), "utf-8")
     runpy.run_path(str(program))
     assert "cannot follow" not in capsys.readouterr().out
 

@@ -115,6 +115,11 @@ def AddBoardScene(
 ) -> BoardScene:
     """Add the plant with arm, eraser and board, the eraser held at a start.
 
+    The plant is finalized: bodies of your own belong in the scenario's `tool`, a model file.
+    A builder takes one scene: Drake ends the program (SystemExit) where two systems have one
+    name. Build each scene in a diagram of its own, and add these by
+    ``DiagramBuilder.AddNamedSystem``.
+
     Parameters
     ----------
     builder : DiagramBuilder

@@ -209,8 +209,9 @@ def OpenLcm(url: str) -> DrakeLcm:
 class RawSerializer(SerializerInterface):
     """Serializer that passes the bytes of a message unread; no bytes before the first.
 
-    An empty message becomes a zero byte, which is not a status or command either. Drake's deserializer exits the program (SystemExit) if the bytes are not a message. These
-    bytes are checked before they are decoded.
+    Drake's deserializer exits the program (SystemExit) if the bytes are not a message. These
+    bytes are checked before they are decoded. An empty message becomes a zero byte, which
+    is not a valid message either.
     """
 
     def CreateDefaultValue(self) -> AbstractValue:
