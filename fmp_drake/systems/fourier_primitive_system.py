@@ -59,8 +59,8 @@ class FourierPrimitiveSystem(LeafSystem):
     a new window (section V-D of the paper). The outputs follow from that state in closed
     form, so they are exact at every time between two events. Position and velocity are
     continuous at a re-mapping. The acceleration jumps: with a mixture of the bundled
-    figure 8 by 0.3 to 0.4 m/s^2, where its greatest value is 1.6; with a phase model by
-    0.01 m/s^2.
+    figure 8 by 0.2 to 0.7 m/s^2, where its greatest value is 1.7; with a phase model by
+    0.03 m/s^2 at most.
 
     In the reactive mode the movement waits for a robot that is pushed off its path: it
     slows down above half of `push_threshold` and stands still beyond it. After a push of
