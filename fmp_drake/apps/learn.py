@@ -82,9 +82,9 @@ def learn(
     check_writable(skill.out, "a skill", [".npz"])
     if os.path.realpath(skill.out) in map(os.path.realpath, demonstrations):
         raise FmpError(f"{skill.out} is the recording; give the skill its own file.")
-    if skill.as_recorded and (learning.transform or learning.surface or learning.extra):
+    if skill.as_recorded and (learning.transform or learning.surface):
         raise FmpError(
-            "--as-recorded places nothing; leave out --transform, --surface and --extra."
+            "--as-recorded places nothing; leave out --transform and --surface."
         )
     check_picture(skill.plot)
     check_writable(skill.board, "a scenario", [".yaml", ".yml"])
@@ -106,7 +106,10 @@ def learn(
     }
     if skill.as_recorded:
         recordings, remarks = load_as_recorded(
-            demonstrations, stretch=learning.stretch, reading=recording.reading()
+            demonstrations,
+            stretch=learning.stretch,
+            reading=recording.reading(),
+            extra=learning.extra,
         )
     else:
         recordings, remarks = load_on_board(

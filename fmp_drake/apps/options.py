@@ -394,7 +394,8 @@ class LearningOptions:
     )
     extra: tuple[str, ...] = option(
         (),
-        "Channels to learn besides x, y and z, relative to the surface; may be repeated.",
+        "Channels to learn besides x, y and z, relative to the surface (or as recorded); may "
+        "be repeated.",
         basic=False,
         type=click.Choice(EXTRA_CHANNELS),
     )

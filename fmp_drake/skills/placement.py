@@ -362,11 +362,20 @@ def _extra_options(demonstration: Demonstration) -> str:
 
 
 def load_as_recorded(
-    paths: Sequence[Path], *, stretch: float, reading: ReadingOptions | None = None
+    paths: Sequence[Path],
+    *,
+    stretch: float,
+    reading: ReadingOptions | None = None,
+    extra: Sequence[str] = (),
 ) -> tuple[list[Demonstration], list[str]]:
-    """Load demonstrations with all their channels, and remarks on recognised parts."""
+    """Load demonstrations with all their channels, and remarks on recognised parts.
+
+    With `extra`, as for `place_on_fitted_surface`, these and the position alone are loaded.
+    """
     check_number(stretch, "stretch", above=0, error=DemonstrationError)
     reading = reading or ReadingOptions()
+    if extra:
+        reading = replace(reading, all_arrays=True)
     demonstrations, remarks = read_demonstrations(paths, reading)
     if reading.quaternions is None:
         robots = set(map(FindRobotOfInverseRotation, demonstrations)) - {""}
@@ -379,6 +388,11 @@ def load_as_recorded(
             )
     if stretch != 1.0:
         demonstrations = [replace(d, time=d.time * stretch) for d in demonstrations]
+    if extra:
+        names = [*POSITION_CHANNELS]
+        names += ROTATION_CHANNELS if "orientation" in extra else ()
+        names += [FORCE_CHANNEL] if "force" in extra else []
+        demonstrations = [d.select(names) for d in demonstrations]
     return demonstrations, remarks
 
 

@@ -113,8 +113,8 @@ def test_the_recording_is_not_replaced_by_its_skill(refused, make_npz):
 
 def test_a_recording_that_is_learned_as_it_is_is_not_placed(refused, make_npz, outputs):
     call = ("learn", make_npz(), "--out", outputs / "skill.npz", "--as-recorded")
-    for option in (("--surface", "plane"), ("--extra", "force")):
-        assert "--as-recorded places nothing" in refused(*call, *option)
+    assert "--as-recorded places nothing" in refused(*call, "--surface", "plane")
+    assert "there is no channel 'force'" in refused(*call, "--extra", "force")
     assert "leave out --board" in refused(*call, "--board", "b.yaml")
     assert "leave out --robot" in refused(*call, "--robot", "ur5e")
     board = ("learn", call[1], "--out", "s.npz", "--board")
@@ -188,6 +188,18 @@ def test_units_that_cannot_be_right_are_refused_with_a_guess(command, refused, o
         assert command("learn", *options, "--n-components", 3, "--out", skill).code == 0
         learned.append(load_skill(skill).components_[0].mean)
     np.testing.assert_allclose(*learned, atol=1e-9)
+
+
+def test_recorded_poses_are_learned_for_free_space(
+    command, outputs, real_demonstration_paths
+):
+    out = outputs / "skill.npz"
+    path, options = real_demonstration_paths["car_rim_4"], ("--as-recorded", "--out", out)
+    command("learn", path, *options, "--extra", "orientation")
+    skill = load_skill(out)
+    assert skill.channels_ == ("x", "y", "z", "rx", "ry", "rz")
+    assert skill.model_ == "phase"
+    command("check", "--scenario", "stir", "--skill", out)
 
 
 def test_path_implausible_for_the_board_is_refused_and_learned_as_recorded(

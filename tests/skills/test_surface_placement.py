@@ -579,7 +579,7 @@ def test_surface_is_fitted_to_metres_only(tmp_path):
     path, recording = tmp_path / "recording.npz", posed("plane")[0]
     in_mm = [1e3 if unit == "m" else 1.0 for unit in recording.units]
     replace(recording, values=recording.values * in_mm).save(path)
-    with pytest.raises(DemonstrationError, match="m wide: millimetres. Give --unit mm"):
+    with pytest.raises(DemonstrationError, match=r"m wide: millimetres\? Give --unit mm"):
         load_on_board([path], scenario=Scenario(), surface="fitted")
 
 

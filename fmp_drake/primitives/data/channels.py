@@ -133,7 +133,8 @@ def channel_roles(
         if channel not in expected:
             raise SkillError(
                 f"channel {channel} has no role; a robot plays "
-                f"{', '.join(f'{name} ({unit})' for name, unit in expected.items())}."
+                f"{', '.join(f'{name} ({unit})' for name, unit in expected.items())}. "
+                "Learn it without this channel (--columns chooses)."
             )
         if unit != expected[channel]:
             raise SkillError(
