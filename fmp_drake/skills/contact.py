@@ -32,11 +32,13 @@ _FAR, _STEADY, _WEIGHT, _FEWEST, _LESS = 0.03, 0.3, 0.1, 0.2, 0.8
 _LIFT_WEIGHT, _STEADY_TIME, _QUIET = 0.15, 0.25, 0.1
 _LEAST_SAMPLES = 4  # In the air.
 # Lifts without a force: greatest fraction of the squared steps along the tool's axis, least
-# length of its mean, height of a lift, m, initial quantile of the heights, and fraction of low
-# samples from which there are no lifts. Displacements that are as bad as a slope of 1, m, and
-# as a curvature of 2/m, m; greatest slope, and median height of low samples, m.
-_ALONG, _COMMON, _LOW, _LOWEST, _NO_LIFTS, _ROUNDS = 0.4, 0.7, 0.005, 0.1, 0.9, 50
-_SLOPE, _BEND, _MOST_SLOPE, _EXACT_LOW = 0.04, 0.0002, 0.4, 0.003
+# length of its mean, initial quantile of the heights, and fraction of low samples from which
+# there are no lifts. Height of a lift, m, and relative to the extent of the movement; greatest
+# median height of the low samples, relative to it. Displacements that are as bad as a slope of
+# 1, m, and as a curvature of 2/m, m; greatest slope.
+_ALONG, _COMMON, _LOWEST, _NO_LIFTS, _ROUNDS = 0.4, 0.7, 0.1, 0.9, 50
+_LOW, _LOW_OF_SIZE, _EXACT_LOW = 0.005, 0.015, 0.6
+_SLOPE, _BEND, _MOST_SLOPE = 0.04, 0.0005, 0.4
 # Residual of a surface relative to another one that is as exact, and one that is exact, m.
 _AS_EXACT, _EXACT = 1.2, 3e-4
 
@@ -164,18 +166,19 @@ def _not_lifted(points: Array, in_bout: Mask, rotations: Rotation) -> Mask:
         return every
     up = Rotation.align_vectors([[0.0, 0.0, 1.0]], [-mean])[0]
     x, y, z = up.apply(points - points[in_bout].mean(axis=0)).T
-    if len(z) > len(every) and z[~in_bout].mean() < z[in_bout].mean():
-        z = -z
+    if len(z) > len(every) and np.median(z[~in_bout]) < z[in_bout].min() - _TOUCH:
+        z = -z  # Approach and retreat are above the surface.
     x, y, z = x[in_bout], y[in_bout], z[in_bout]
     terms = np.column_stack([every, x, y, x * x, x * y, y * y])
     penalty = len(z) * np.diag([0.0, _SLOPE, _SLOPE, _BEND, _BEND, _BEND]) ** 2
+    low = max(_LOW, _LOW_OF_SIZE * float(np.ptp([x, y], axis=1).max()))
     heights = z - np.quantile(z, _LOWEST)
     for _ in range(_ROUNDS):
-        weighted = terms.T / (1 + np.maximum(heights / _LOW, 0.0) ** 2)
+        weighted = terms.T / (1 + np.maximum(heights / low, 0.0) ** 2)
         quadric = np.linalg.lstsq(weighted @ terms + penalty, weighted @ z)[0]
         heights = z - terms @ quadric
-    is_low = heights <= _LOW
-    is_exact = np.median(np.abs(heights[is_low])) < _EXACT_LOW
+    is_low = heights <= low
+    is_exact = np.median(np.abs(heights[is_low])) < _EXACT_LOW * low
     is_level = np.linalg.norm(quadric[1:3]) < _MOST_SLOPE
     return is_low if is_exact and is_level and is_low.mean() < _NO_LIFTS else every
 

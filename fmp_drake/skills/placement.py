@@ -153,7 +153,7 @@ def fit_placement(
             "board needs 3 (x, y, z)."
         )
     in_bouts = samples_in_bouts(demonstration, **rhythm)
-    points, others = points[in_bouts], points[~in_bouts]
+    whole, points = points, points[in_bouts]
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if spread[1] < 1e-3 * max(spread[0], 1e-12):
         raise DemonstrationError(
@@ -161,7 +161,8 @@ def fit_placement(
             "determined; give the transform to the board instead."
         )
     centre, normal = _longest_plane(points)
-    if len(others) and np.median((others - centre) @ normal) < -_TOUCH:
+    heights = (whole - centre) @ normal
+    if np.sum(heights < -_TOUCH) > np.sum(heights > _TOUCH):
         normal = -normal
     x = front_axis(normal)
     rotation = np.stack([x, np.cross(normal, x), normal])

@@ -194,7 +194,10 @@ def test_recorded_poses_are_learned_for_free_space(
     command, outputs, real_demonstration_paths
 ):
     out = outputs / "skill.npz"
-    path, options = real_demonstration_paths["car_rim_4"], ("--as-recorded", "--out", out)
+    path, options = (
+        real_demonstration_paths["car_rim_4"],
+        ("--as-recorded", "--out", out),
+    )
     command("learn", path, *options, "--extra", "orientation")
     skill = load_skill(out)
     assert skill.channels_ == ("x", "y", "z", "rx", "ry", "rz")

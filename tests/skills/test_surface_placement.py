@@ -219,6 +219,25 @@ def test_orientation_of_a_real_recording_tells_its_lifts(real_demonstration_path
     assert np.mean(found[in_bout] == known[in_bout]) > 0.9
 
 
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_strokes_of_a_real_board_are_told_from_the_return_in_the_air(
+    number, real_demonstration_paths
+):
+    # The board is level to 5 degrees, and half of the time the arm returns over it.
+    path = real_demonstration_paths[f"panda_wiping_loop_increase_z_{number}"]
+    (recorded,), _ = load_as_recorded([path], stretch=1.0, extra=["orientation"])
+    contact = find_contact(recorded)
+    points = recorded.values[:, :3]
+    fit = fit_surface([points], [contact.touching])
+    assert fit.rotation[2, 2] > np.cos(np.radians(5))
+    touching = touching_samples(contact, fit_of(recorded, contact))
+    assert 0.4 < np.mean(touching[contact.in_bout]) < 0.65
+    (placed,), _ = load_on_board([path], scenario=Scenario())
+    assert 0.4 < np.mean(np.abs(placed.values[:, 2]) < 0.01) < 0.8
+    assert placed.values[:, 2].min() > -0.05
+    assert placed.values[:, 2].max() > 0.15
+
+
 def fit_of(recording, contact):
     """Return the heights over the surface that is fitted to a recording."""
     points = recording.select(POSITION_CHANNELS).values
@@ -579,7 +598,9 @@ def test_surface_is_fitted_to_metres_only(tmp_path):
     path, recording = tmp_path / "recording.npz", posed("plane")[0]
     in_mm = [1e3 if unit == "m" else 1.0 for unit in recording.units]
     replace(recording, values=recording.values * in_mm).save(path)
-    with pytest.raises(DemonstrationError, match=r"m wide: millimetres\? Give --unit mm"):
+    with pytest.raises(
+        DemonstrationError, match=r"m wide: millimetres\? Give --unit mm"
+    ):
         load_on_board([path], scenario=Scenario(), surface="fitted")
 
 
