@@ -15,6 +15,8 @@ POSITION_CHANNELS = ("x", "y", "z")
 ROTATION_CHANNELS = ("rx", "ry", "rz")
 # Unit quaternion of a recorded orientation.
 QUATERNION_CHANNELS = ("qx", "qy", "qz", "qw")
+# Euler angles of a recorded orientation, R = Rz(yaw) Ry(pitch) Rx(roll).
+EULER_CHANNELS = ("roll", "pitch", "yaw")
 
 # A normal force, and the components of a measured force, N.
 FORCE_CHANNEL = "force"

@@ -1,6 +1,7 @@
 """Recorded demonstrations, and reading and writing of their files."""
 
 import csv
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -39,6 +40,8 @@ _LEAST_SAMPLES = 4
 _UNIFORM = 1e-3
 # Ratio of the step at a gap to the median step.
 _GAP = 2.5
+# Remarks on how an orientation was read.
+_READING = re.compile(" read as | are taken for ")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -453,8 +456,9 @@ def read_demonstrations(
     Vicon, `.xlsx`, JSON and JSON lines, `.npz`, `.npy`, `.mat`, `.parquet`, HDF5, ROS 1 and
     ROS 2 bags, MCAP, and LeRobot datasets; a file may be compressed by gzip or zip. Datasets
     give one demonstration for each episode: a LeRobot folder, or robomimic's HDF5 file.
-    Quaternions become the orientation channels `rx`, `ry` and `rz`; all demonstrations
-    have one reference. Lengths become metres, degrees radians.
+    Quaternions, rotation vectors and Euler angles (`roll`, `pitch`, `yaw`) become the
+    orientation channels `rx`, `ry` and `rz`; all demonstrations have one reference.
+    Lengths become metres, degrees radians.
 
     Parameters
     ----------
@@ -478,27 +482,31 @@ def read_demonstrations(
     options = options or ReadingOptions()
     demonstrations: list[Demonstration] = []
     remarks: list[str] = []
-    orientations: dict[int, tuple[Path, Array]] = {}
+    orientations: dict[int, tuple[Path, Array, str]] = {}
     for path in map(Path, [paths] if isinstance(paths, str | Path) else paths):
         with _naming(path), np.errstate(all="ignore"):  # Infinite numbers are refused.
             for table in read_tables(path, options):
                 if table.saved is not None:
                     demonstrations.append(Demonstration(**table.saved))
                     continue
-                recording = _from_table(recognise_columns(table, options))
+                table = recognise_columns(table, options)
+                recording = _from_table(table)
                 if set(QUATERNION_CHANNELS) <= set(recording.channels):
                     quaternions = recording.select(QUATERNION_CHANNELS).values
-                    orientations[len(demonstrations)] = path, quaternions
+                    hint = "; ".join(r for r in table.remarks if _READING.search(r))
+                    orientations[len(demonstrations)] = path, quaternions, hint
                 if recording.note:
                     remarks.append(f"{path.name}: {recording.note}")
                 demonstrations.append(recording)
     if orientations:
         reference = mean_rotation(
-            np.concatenate([quaternions for _, quaternions in orientations.values()]),
+            np.concatenate(
+                [quaternions for _, quaternions, _ in orientations.values()]
+            ),
             order="xyzw",
         )
-    for i, (path, quaternions) in orientations.items():
-        with _naming(path):
+    for i, (path, quaternions, hint) in orientations.items():
+        with _naming(path, hint):
             recording = add_orientation(
                 demonstrations[i], quaternions, order="xyzw", reference=reference
             )
@@ -522,14 +530,15 @@ def _from_table(table: Table) -> Demonstration:
 
 
 @contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    """Add the name of a file to errors raised inside."""
+def _naming(path: Path, hint: str = "") -> Iterator[None]:
+    """Add the name of a file, and a hint, to errors raised inside."""
     try:
         yield
     except (DemonstrationError, SkillFileError) as error:
         if str(path) in str(error):
             raise
-        raise type(error)(f"{path}: {error}") from None
+        more = f" ({hint})" if hint else ""
+        raise type(error)(f"{path}: {error}{more}") from None
 
 
 def _longest_gap(rate: float) -> float:

@@ -136,7 +136,7 @@ def rotation_vectors(
             raise DemonstrationError(
                 f"the orientation jumps by {np.rad2deg(steps[widest]):.0f} degrees "
                 f"after sample {widest}; at most {np.rad2deg(_LARGEST_STEP):.0f} can "
-                "be followed. Record faster, or check the order of the quaternions."
+                "be followed. Record faster, or check how the orientation is read."
             )
     out = np.empty_like(vectors)
     last = vectors[0] if near is None else np.asarray(near, dtype=float)

@@ -5,16 +5,23 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives.data.channels import (
+    EULER_CHANNELS,
+    FORCE_CHANNEL,
     FORCE_COMPONENTS,
     POSITION_CHANNELS,
     QUATERNION_CHANNELS,
     ROTATION_CHANNELS,
     default_channels,
+)
+from fmp_drake.primitives.data.reading.angles import (
+    angle_units,
+    check_quaternions,
+    continuous_angles,
+    one_orientation,
 )
 from fmp_drake.primitives.data.reading.clock import ordered_times, time_column
 from fmp_drake.primitives.data.reading.groups import column_groups
@@ -37,10 +44,13 @@ SEVERAL = "several"
 """First word of the remark on a recording of several positions or arms."""
 
 # Groups of columns: prefix and axis.
-_WORD = r"(.*?)_?(?:(?<![a-z0-9])(?:{}))?_?([{}])"
-_POSITION = re.compile(
-    _WORD.format("p|t|pos|position|translation|point|trans|xyz|ee|eef|tcp", "xyz")
-)
+_WORD = r"(.*?)_?(?:(?<![a-z0-9])(?:{}))?_?{}"
+_PLACES = "p|t|pos|position|translation|point|trans|xyz|ee|eef|tcp"
+_TURNS = f"{_PLACES}|ori(?:entation)?|rot(?:ation)?|euler|rpy"
+_POSITION = re.compile(_WORD.format(_PLACES, "([xyz])"))
+_ROTATION = re.compile(_WORD.format(_TURNS, "(?:r|rotvec_)([xyz])"))
+_EULER = re.compile(_WORD.format(_TURNS, "(roll|pitch|yaw)"))
+_KUKA = re.compile(_WORD.format(_TURNS, "([abc])"))
 _QUATERNION = re.compile(
     r"(.*?)_?(?:q|quats?|quaternions?|ori(?:entations?)?|rotations?|rot)(?:_[a-z]{1,3})?_?"
     r"([xyzw])"
@@ -57,7 +67,8 @@ JOINT = re.compile(
 _NUMBERS = ("1234567", "0123456", "123456", "012345")
 # Positions that were commanded instead of measured.
 _COMMANDED = re.compile(
-    r"(^|.*_)(t_ee_[dc]|des|desired|target|cmd|command|commanded|ref|reference|goal)(_.*|$)"
+    r"(^|.*_)(t_ee_[dc]|des|desired|target|cmd|command|commanded|ref|reference|goal)"
+    r"(_.*|$)"
 )
 NO_MEASURED_ANGLES = re.compile(
     rf"{_COMMANDED.pattern}|vel|acc|speed|tau|torque|effort|force|current|temp"
@@ -80,19 +91,18 @@ _UNITS = (
     (re.compile(r"(.*_)?(force(_?[xyz])?|f_?[xyz])"), "N"),
     (re.compile(r"(.*_)?torque(_?[xyz])?"), "Nm"),
 )
-# Greatest error of a quaternion's length.
-_LENGTH_ERROR = 0.1
 # Least fraction of samples in which all channels have a value.
 _LEAST_COMPLETE = 0.5
-# Greatest angle in rad, if it has no unit: two revolutions.
-_LARGEST_ANGLE = 4 * np.pi
-# Change of an angle from sample to sample that is a revolution less than it seems, rad.
-_JUMP = 1.5 * np.pi
 # Positions that jump: least speed, m/s, and relative to nine tenths of the others; the most
 # samples in a row, and the greatest fraction of all samples.
 _FASTEST, _FASTER, _MOST_JUMPING, _MOST_JUMPS = 5.0, 5.0, 3, 0.05
 # Width of a path above which its unit is questioned, m.
 _WIDEST = 5.0
+# Channels of which only some may be named: the rest is recognised.
+_PARTS = (
+    {*QUATERNION_CHANNELS, *ROTATION_CHANNELS, *EULER_CHANNELS},
+    {*FORCE_COMPONENTS, FORCE_CHANNEL},
+)
 
 
 # Columns of the axes, by the prefix of their names.
@@ -102,7 +112,8 @@ _Groups = dict[str, tuple[Column, ...]]
 def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     """Return the time and the channels of a table in SI units, the time first.
 
-    An orientation is in the channels `qx`, `qy`, `qz` and `qw`.
+    An orientation is in the channels `qx`, `qy`, `qz` and `qw`. Where the options name only
+    channels of an orientation or a force, the others are recognised.
 
     Raises
     ------
@@ -139,13 +150,22 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         # A column without a name is found by the name of its channel.
         for column, label in zip(others, _labels(others), strict=True):
             names[column.number] = label
+    channels = {
+        channel: columns[options.column(channel, tuple(names), numbers)]
+        for channel in options.columns
+        if channel != "time"
+    }
+    if set(channels) <= set.union(*_PARTS):
+        sources = [column.number for column in channels.values()]
+        others = [c for c in others if c.number not in sources]
+        named = [part for part in _PARTS if part & set(channels)]
+        recognised = _channels(others, listed, remarks)
         channels = {
-            channel: columns[options.column(channel, tuple(names), numbers)]
-            for channel in options.columns
-            if channel != "time"
-        }
-    else:
-        channels = _channels(others, listed, remarks)
+            name: column
+            for name, column in recognised.items()
+            if not any(name in part for part in named)
+        } | channels
+    channels = one_orientation(channels, remarks)
     if not channels:
         raise SkillFileError(f"there is a time column but no channel; {listed}.")
     values = np.column_stack([c.values for c in channels.values()])
@@ -156,20 +176,21 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         count = count_text(len(values) - len(rows), "row")
         remarks.append(f"{count} without a value left out")
     time, order = ordered_times(stamp, rows, values[rows], options, remarks)
-    values = values[rows[order]]
-    complete = _complete_rows(values, channels, remarks)
-    time, values = time[complete], values[complete]
+    rows = rows[order]
+    complete = _complete_rows(values[rows], channels, remarks)
+    time, rows = time[complete], rows[complete]
+    values = values[rows]
     units = _to_standard_units(values, channels, options, remarks)
     names = [*channels]
-    values = _continuous_angles(values, names, units, remarks)
+    values = continuous_angles(values, channels, names, units, remarks)
     metres = [i for i, name in enumerate(names) if name in POSITION_CHANNELS]
     is_steady = _steady_samples(time, values[:, metres], remarks)
-    time, values = time[is_steady], values[is_steady]
+    time, values, rows = time[is_steady], values[is_steady], rows[is_steady]
     if gaps := np.count_nonzero(np.diff(time) > LONGEST_GAP):
         remarks.append(f"gaps of more than {LONGEST_GAP} s, not bridged: {gaps}")
     if set(QUATERNION_CHANNELS) <= set(names):
         quaternions = [names.index(name) for name in QUATERNION_CHANNELS]
-        _check_quaternions(values[:, quaternions])
+        check_quaternions(values[:, quaternions], rows)
     return Table(
         names=("time", *names),
         units=("s", *units),
@@ -193,7 +214,7 @@ def _complete_rows(
         known, counts = np.unique(~is_empty, axis=0, return_counts=True)
         is_axis = np.isin(list(channels), POSITION_CHANNELS)
         axes = np.count_nonzero(known & is_axis, axis=1)
-        best = known[np.lexsort((axes, counts * np.any(known, axis=1)))[-1]]
+        best = known[np.lexsort((axes, counts * np.any(known, axis=1), axes > 0))[-1]]
         others = {
             name: column.source
             for (name, column), is_known in zip(channels.items(), best, strict=True)
@@ -258,7 +279,7 @@ def _to_standard_units(
 ) -> list[str]:
     """Convert the values (N, C) of channels to m and rad, and return the new units.
 
-    Angles without a unit are in degrees if one of them is greater than two revolutions.
+    The units of angles without a unit are those of `angle_units`.
     """
     header_units = [
         (options.source(name)[1] if name in options.columns else "")
@@ -270,16 +291,9 @@ def _to_standard_units(
         unit or _unit(column, name, options)
         for unit, (name, column) in zip(header_units, channels.items(), strict=True)
     ]
-    angles = [i for i, u in enumerate(sources) if u == "rad" and not header_units[i]]
-    largest = float(np.max(np.abs(values[:, angles]), initial=0.0))
-    if largest > _LARGEST_ANGLE:
-        labels = [list(channels)[i] for i in angles]
-        remarks.append(
-            f"{', '.join(labels)} reach {largest:.0f} and are taken for degrees; if they are "
-            f"radians, write so in the header: {labels[0]} [rad]"
-        )
-        for i in angles:
-            sources[i] = "deg"
+    angles = angle_units(values, channels, sources, header_units, remarks)
+    for i, unit in angles.items():
+        sources[i] = unit
     metres = [i for i, name in enumerate(channels) if name in POSITION_CHANNELS]
     stated_units = [unit or options.unit for unit in header_units]
     metres = [i for i in metres if sources[i] == "m" and not stated_units[i]]
@@ -301,30 +315,6 @@ def _to_standard_units(
         if names:
             remarks.append(f"{', '.join(names)} converted to {unit}")
     return list(units)
-
-
-def _continuous_angles(
-    values: Array, names: list[str], units: list[str], remarks: list[str]
-) -> Array:
-    """Return the values (N, C) without jumps by a revolution; change names and units.
-
-    A rotation vector becomes a quaternion. Other angles are unwrapped.
-    """
-    rotation = [names.index(name) for name in ROTATION_CHANNELS if name in names]
-    if [units[i] for i in rotation] == ["rad"] * 3:
-        quaternions = Rotation.from_rotvec(values[:, rotation]).as_quat()
-        values = np.hstack([np.delete(values, rotation, axis=1), quaternions])
-        kept = [i for i in range(len(names)) if i not in rotation]
-        names[:] = [*(names[i] for i in kept), *QUATERNION_CHANNELS]
-        units[:] = [*(units[i] for i in kept), *["1"] * 4]
-        remarks.append(f"{', '.join(ROTATION_CHANNELS)} read as a rotation vector")
-    jumps = np.max(np.abs(np.diff(values, axis=0)), axis=0, initial=0.0)
-    wrapped = [i for i, unit in enumerate(units) if unit == "rad" and jumps[i] > _JUMP]
-    if wrapped:
-        values[:, wrapped] = np.unwrap(values[:, wrapped], axis=0)
-        listed = ", ".join(names[i] for i in wrapped)
-        remarks.append(f"{listed} unwrapped where they jump by a revolution")
-    return values
 
 
 def _labels(columns: Sequence[Column]) -> tuple[str, ...]:
@@ -360,9 +350,21 @@ def _channels(
         columns = [c for c in columns if c not in commanded]
         names_of_commands = ", ".join(c.name for c in commanded)
         remarks.append(f"{names_of_commands} left out: commanded, not measured")
+    angular = [c for c in columns if not c.unit or c.unit in ANGLES]
+    rotations, angles, kuka = (
+        {p: group for p, group in _groups(angular, form, axes).items() if p in prefixes}
+        for form, axes, prefixes in (
+            (_ROTATION, "xyz", {"", *positions}),
+            (_EULER, EULER_CHANNELS, {"", *positions}),
+            (_KUKA, "cba", positions),
+        )
+    )
+    kuka = {p: group for p, group in kuka.items() if _may_be_degrees(group)}
     roles = (
         (positions, POSITION_CHANNELS),
         (orientations, QUATERNION_CHANNELS),
+        (rotations, ROTATION_CHANNELS),
+        (angles or kuka, EULER_CHANNELS),
         (_groups(columns, _FORCE, "xyz"), FORCE_COMPONENTS),
     )
     for groups, axes in roles:
@@ -419,7 +421,14 @@ def _is_length(column: Column) -> bool:
     return not NO_POSITION.search(column.key[:-1].strip("_"))
 
 
-def _groups(columns: Sequence[Column], form: re.Pattern[str], axes: str) -> _Groups:
+def _may_be_degrees(group: Sequence[Column]) -> bool:
+    """Return whether no value in a group of columns is greater than a revolution."""
+    return all(np.nanmax(np.abs(c.values), initial=0.0) <= 360 for c in group)
+
+
+def _groups(
+    columns: Sequence[Column], form: re.Pattern[str], axes: Sequence[str]
+) -> _Groups:
     """Return groups of columns by their prefixes, with one column for each axis."""
     groups: dict[str, dict[str, Column]] = {}
     for column in columns:
@@ -440,14 +449,3 @@ def _unit(column: Column, channel: str, options: ReadingOptions) -> str:
         return column.suffix or options.unit or "m"
     forms = (unit for form, unit in _UNITS if form.fullmatch(column_key(channel)))
     return next(forms, "1")
-
-
-def _check_quaternions(quaternions: Array) -> None:
-    """Refuse quaternions (N, 4) whose length differs from 1 by a tenth or more."""
-    lengths = np.linalg.norm(quaternions, axis=1)
-    worst = float(np.max(np.abs(lengths - 1), initial=0.0))
-    if not worst < _LENGTH_ERROR:
-        raise DemonstrationError(
-            f"qx, qy, qz and qw are not unit quaternions (lengths from {lengths.min():.3g} "
-            f"to {lengths.max():.3g}); give the columns of the channels (--columns)."
-        )

@@ -8,6 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.numeric import Array
+from fmp_drake.primitives.data.channels import EULER_CHANNELS
+from fmp_drake.primitives.data.reading.angles import REVOLUTION, euler_option
 from fmp_drake.primitives.data.reading.table import ReadingOptions, Table, standard_unit
 
 _NUMBERED = re.compile(r"(.*?)_?(\d+)")
@@ -80,7 +82,12 @@ def column_groups(
             origin = table.names[first] or f"column {table.numbers[first]}"
             kind = "a force and a torque" if "N" in units else "a pose"
             if len(labels) < 4 < count:
-                kind = "a position, and angles that are not read"
+                kind = "a position"
+                if not {*EULER_CHANNELS} & {*options.columns}:
+                    kind += (
+                        ", and angles that are not read; if they are roll, pitch and yaw, "
+                        f"add {euler_option([table.names[i] for i in sources[3:]])}"
+                    )
             span = f"{table.names[sources[0]]} to {table.names[sources[-1]]}"
             remark = f"{span} are {kind}" if count > 4 else ""
             if lacks_order:
@@ -162,12 +169,14 @@ def _recognise(
         stem = f"{match[1]}_" if match[1] else ""
         names = [f"{stem}{k}_{a}" for k in ("force", "torque") for a in "xyz"]
         return names, ["N"] * 3 + ["Nm"] * 3, values, False
-    if count == 6 and _CARTESIAN.fullmatch(prefix.removesuffix("position")):
+    is_tcp = count == 6 and _TCP_POSE.fullmatch(prefix)
+    vectors = np.nan_to_num(values[:, 3:])
+    if is_tcp and np.max(np.linalg.norm(vectors, axis=1), initial=0.0) < REVOLUTION:
+        quaternions = Rotation.from_rotvec(vectors).as_quat()
+        return pose, units, np.hstack([values[:, :3], quaternions]), False
+    if is_tcp or (count == 6 and _CARTESIAN.fullmatch(prefix.removesuffix("position"))):
         # Angles of an unknown convention.
         return pose[:3], [""] * 3, values[:, :3], False
-    if count == 6 and _TCP_POSE.fullmatch(prefix):
-        quaternions = Rotation.from_rotvec(np.nan_to_num(values[:, 3:])).as_quat()
-        return pose, units, np.hstack([values[:, :3], quaternions]), False
     if count == 7 and not _JOINTS.fullmatch(prefix) and _is_unit(values[:, 3:], _EXACT):
         numbers = np.hstack([values[:, :3], values[:, 3:][:, order]])
         return pose, [""] * 7, numbers, True

@@ -186,7 +186,7 @@ class ReadingOptions:
     columns : mapping from str to str
         Column of each channel and of `time`: its name, or its number from 1. A
         unit may follow in brackets: `{"time": "stamp [ms]", "x": "3"}`. All channels
-        where empty.
+        where empty. Beside an orientation or a force the other channels are recognised.
     unit : str
         Unit of positions where the file does not state it: m, cm, mm ...
     sample_rate : float, optional

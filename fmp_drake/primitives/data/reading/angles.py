@@ -1,0 +1,172 @@
+"""Units of recorded angles, and recorded orientations as quaternions."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.errors import DemonstrationError
+from fmp_drake.numeric import Array, Indices, runs
+from fmp_drake.primitives.data.channels import (
+    EULER_CHANNELS,
+    QUATERNION_CHANNELS,
+    ROTATION_CHANNELS,
+)
+from fmp_drake.primitives.data.reading.table import ANGLES, Column, columns_option
+
+# Greatest angle in rad, if it has no unit: two revolutions.
+_LARGEST_ANGLE = 4 * np.pi
+REVOLUTION = 2 * np.pi + 0.1
+"""Greatest Euler angle and length of a rotation vector in rad, with a margin."""
+# Change of an angle from sample to sample that is a revolution less than it seems, rad.
+_JUMP = 1.5 * np.pi
+# Greatest error of a quaternion's length, and most runs of wrong rows that are listed.
+_LENGTH_ERROR, _MOST_RUNS = 0.1, 3
+
+
+def one_orientation(
+    channels: dict[str, Column], remarks: list[str]
+) -> dict[str, Column]:
+    """Return the channels with one orientation: the quaternion, or the rotation vector."""
+    kinds = (QUATERNION_CHANNELS, ROTATION_CHANNELS, EULER_CHANNELS)
+    complete = [kind for kind in kinds if set(kind) <= set(channels)]
+    for kind in complete[1:]:
+        omitted = ", ".join(channels[name].name or name for name in kind)
+        read = ", ".join(complete[0])
+        remarks.append(f"{omitted} left out: the orientation is that of {read}")
+        channels = {name: c for name, c in channels.items() if name not in kind}
+    return channels
+
+
+def euler_option(sources: Sequence[str]) -> str:
+    """Return the option that reads three columns as roll, pitch and yaw."""
+    return columns_option(dict(zip(EULER_CHANNELS, sources, strict=True)))
+
+
+def angle_units(
+    values: Array,
+    channels: Mapping[str, Column],
+    units: Sequence[str],
+    stated: Sequence[str],
+    remarks: list[str],
+) -> dict[int, str]:
+    """Return the unit of each angle without a stated one, by the index of its channel.
+
+    Rotation vectors are in rad. Euler angles are in degrees if one is greater than a
+    revolution, or if they are KUKA's; other angles if one is greater than two.
+
+    Raises
+    ------
+    DemonstrationError
+        Where a rotation vector is in degrees, or longer than a revolution.
+    """
+    names, columns = list(channels), list(channels.values())
+    rotation, euler = (
+        [names.index(name) for name in kind if set(kind) <= set(names)]
+        for kind in (ROTATION_CHANNELS, EULER_CHANNELS)
+    )
+    _check_rotation_vector(
+        values[:, rotation],
+        [columns[i] for i in rotation],
+        [stated[i] for i in rotation],
+    )
+    angles = {i: u for i, u in enumerate(units) if u == "rad" and not stated[i]}
+    others = [i for i in angles if i not in (*rotation, *euler)]
+    euler = [i for i in angles if i in euler]
+    are_kuka = {columns[i].key[-1:] for i in euler} == {"a", "b", "c"}
+    limit = 0.0 if are_kuka else REVOLUTION
+    for group, most in ((others, _LARGEST_ANGLE), (euler, limit)):
+        largest = float(np.max(np.abs(values[:, group]), initial=0.0))
+        unit, other = ("deg", "rad") if largest > most else ("rad", "deg")
+        if group and (unit == "deg" or group is euler):
+            angles |= dict.fromkeys(group, unit)
+            labels = [columns[i].name or names[i] for i in group]
+            words = {"deg": "degrees", "rad": "radians"}
+            remarks.append(
+                f"{', '.join(labels)} reach {largest:.3g} and are taken for {words[unit]}; if "
+                f"they are {words[other]}, write so in the header or in --columns: "
+                f"{labels[0]} [{other}]"
+            )
+    return angles
+
+
+def _check_rotation_vector(
+    vectors: Array, columns: Sequence[Column], units: Sequence[str]
+) -> None:
+    """Refuse rotation vectors (N, 3) in degrees, or longer than a revolution."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    largest = float(np.max(lengths[np.isfinite(lengths)], initial=0.0))
+    are_degrees = any(unit in ANGLES and unit != "rad" for unit in units)
+    if are_degrees or (largest > REVOLUTION and not any(units)):
+        found = "are in degrees" if are_degrees else f"reach {largest:.3g}"
+        raise DemonstrationError(
+            f"{', '.join(column.name for column in columns)} {found}, so they look like "
+            "Euler angles: a rotation vector is in radians. For roll, pitch and yaw, R = "
+            f"Rz(yaw) Ry(pitch) Rx(roll), add {euler_option([c.source for c in columns])}; "
+            "convert other angles to quaternions."
+        )
+
+
+def continuous_angles(
+    values: Array,
+    channels: Mapping[str, Column],
+    names: list[str],
+    units: list[str],
+    remarks: list[str],
+) -> Array:
+    """Return the values (N, C) without jumps by a revolution; change names and units.
+
+    A rotation vector and Euler angles become a quaternion. Other angles are unwrapped.
+    """
+    for kind in (ROTATION_CHANNELS, EULER_CHANNELS):
+        index = [names.index(name) for name in kind if name in names]
+        if [units[i] for i in index] != ["rad"] * 3:
+            continue
+        columns = [channels[name] for name in kind]
+        labels = [c.name or name for c, name in zip(columns, kind, strict=True)]
+        rotations = Rotation.from_rotvec(values[:, index])
+        read = "a rotation vector; if they are Euler angles, add "
+        read += euler_option([column.source for column in columns])
+        if kind == EULER_CHANNELS:
+            rotations = Rotation.from_euler("xyz", values[:, index])
+            read = "Euler angles, R = Rz(yaw) Ry(pitch) Rx(roll)"
+        remarks.append(f"{', '.join(labels)} read as {read}")
+        values = np.hstack([np.delete(values, index, axis=1), rotations.as_quat()])
+        kept = [i for i in range(len(names)) if i not in index]
+        names[:] = [*(names[i] for i in kept), *QUATERNION_CHANNELS]
+        units[:] = [*(units[i] for i in kept), *["1"] * 4]
+    jumps = np.max(np.abs(np.diff(values, axis=0)), axis=0, initial=0.0)
+    wrapped = [i for i, unit in enumerate(units) if unit == "rad" and jumps[i] > _JUMP]
+    if wrapped:
+        values[:, wrapped] = np.unwrap(values[:, wrapped], axis=0)
+        listed = ", ".join(names[i] for i in wrapped)
+        remarks.append(f"{listed} unwrapped where they jump by a revolution")
+    return values
+
+
+def check_quaternions(quaternions: Array, rows: Indices) -> None:
+    """Refuse quaternions (N, 4) whose length differs from 1 by a tenth or more.
+
+    Parameters
+    ----------
+    quaternions : ndarray, shape (N, 4)
+    rows : ndarray, shape (N,)
+        Rows of the table that they are from, from 0.
+    """
+    lengths = np.linalg.norm(quaternions, axis=1)
+    is_wrong = ~(np.abs(lengths - 1) < _LENGTH_ERROR)
+    if not np.any(is_wrong):
+        return
+    wrong = [(rows[a] + 1, rows[b - 1] + 1) for a, b in runs(is_wrong)]
+    listed = ", ".join(
+        f"{a} to {b}" if b > a else f"{a}" for a, b in wrong[:_MOST_RUNS]
+    )
+    advice = "give the columns of the channels (--columns)"
+    if 2 * np.count_nonzero(is_wrong) < len(rows):
+        more = ", ..." * (len(wrong) > _MOST_RUNS)
+        advice = f"delete these rows of numbers, counted from 1: {listed}{more}"
+    lengths = lengths[is_wrong]
+    raise DemonstrationError(
+        f"qx, qy, qz and qw are not unit quaternions (lengths from {lengths.min():.3g} "
+        f"to {lengths.max():.3g}); {advice}."
+    )

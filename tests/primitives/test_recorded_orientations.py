@@ -1,0 +1,303 @@
+"""Facts about orientations and normal forces in files: read as they are meant, or refused."""
+
+import re
+import shlex
+
+import numpy as np
+import pytest
+import recorded_files as files
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from fmp_drake.errors import FmpError
+from fmp_drake.primitives import ReadingOptions, read_demonstrations
+from fmp_drake.primitives.data.orientation import rotations_of
+
+ROLL, PITCH, YAW = (
+    np.pi + 0.4 * np.sin(2 * files.TIME),
+    0.3 * np.cos(files.TIME),
+    0.5 + 0.6 * np.sin(files.TIME),
+)
+# As Drake's RollPitchYaw.
+TURNS = (
+    Rotation.from_rotvec(np.outer(YAW, [0, 0, 1]))
+    * Rotation.from_rotvec(np.outer(PITCH, [0, 1, 0]))
+    * Rotation.from_rotvec(np.outer(ROLL, [1, 0, 0]))
+)
+RADIANS = np.column_stack([(ROLL + np.pi) % (2 * np.pi) - np.pi, PITCH, YAW])
+DEGREES = np.rad2deg(RADIANS)
+QUATERNIONS = TURNS.as_quat()
+
+
+def table(folder, *columns, header):
+    """Write a table of time, x, y, z and other columns."""
+    text = files.lines(
+        files.TIME,
+        *files.PATH.T,
+        *(column for array in columns for column in np.atleast_2d(array.T)),
+        header=f"time,{header}",
+    )
+    return files.write(folder, text).path
+
+
+def read(path, columns="", **given):
+    (found,), remarks = read_demonstrations(
+        [path], ReadingOptions.parse(columns, **given)
+    )
+    return found, " ".join(remarks)
+
+
+def option_in(text):
+    """Return the value of the option that a message advises."""
+    return shlex.split(re.search(r"--columns ('[^']*'|[^\s;)]*)", text)[0])[1]
+
+
+def assert_pose(found, turns=TURNS):
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
+    vectors = found.select(["rx", "ry", "rz"]).values
+    recorded = rotations_of(vectors, found.rotation_reference)
+    assert np.max((recorded * turns.inv()).magnitude()) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("header", "angles", "columns"),
+    [
+        ("x,y,z,roll,pitch,yaw", RADIANS, ""),
+        ("x,y,z,yaw,pitch,roll", RADIANS[:, ::-1], ""),
+        ("x,y,z,roll,pitch,yaw", DEGREES, ""),
+        ("x,y,z,Roll [deg],Pitch [deg],Yaw [deg]", DEGREES, ""),
+        ("x,y,z,roll_deg,pitch_deg,yaw_deg", DEGREES, ""),
+        ("tcp_x,tcp_y,tcp_z,tcp_roll,tcp_pitch,tcp_yaw", RADIANS, ""),
+        ("c.pos.x,c.pos.y,c.pos.z,c.rpy.roll,c.rpy.pitch,c.rpy.yaw", RADIANS, ""),
+        ("X,Y,Z,A,B,C", DEGREES[:, ::-1], ""),
+        ("X,Y,Z,A [rad],B [rad],C [rad]", RADIANS[:, ::-1], ""),
+        ("act_X,act_Y,act_Z,act_A,act_B,act_C", DEGREES[:, ::-1], ""),
+        ("x,y,z,u,v,w", DEGREES, "roll=u,pitch=v,yaw=w"),
+        ("x,y,z,u,v,w", RADIANS, "roll=5,pitch=6,yaw=7"),
+        ("x,y,z,u,v,w", DEGREES, "roll=u [deg],pitch=v [deg],yaw=w [deg]"),
+        ("x,y,z,A,B,C", RADIANS[:, ::-1], "roll=C [rad],pitch=B [rad],yaw=A [rad]"),
+    ],
+)
+def test_euler_angles_are_an_orientation(header, angles, columns, tmp_path):
+    found, remarks = read(table(tmp_path, angles, header=header), columns)
+    assert found.channels == ("x", "y", "z", "rx", "ry", "rz")
+    assert_pose(found)
+    assert "read as Euler angles, R = Rz(yaw) Ry(pitch) Rx(roll)" in remarks
+
+
+@pytest.mark.parametrize(
+    ("header", "largest", "unit"),
+    [
+        ("x,y,z,roll,pitch,yaw", 6.28, "radians"),
+        ("x,y,z,roll,pitch,yaw", 6.5, "degrees"),
+        ("x,y,z,C,B,A", 6.28, "degrees"),
+    ],
+)
+def test_unit_of_euler_angles_that_is_assumed_is_reported(
+    header, largest, unit, tmp_path
+):
+    angles = np.zeros((400, 3))
+    angles[:, 0] = largest - 0.3 * np.sin(files.TIME) ** 2
+    found, remarks = read(table(tmp_path, angles, header=header))
+    assert f"reach {largest} and are taken for {unit}" in remarks
+    factor = np.pi / 180 if unit == "degrees" else 1.0
+    assert_pose(found, Rotation.from_rotvec(factor * angles))
+    other = "rad" if unit == "degrees" else "deg"
+    assert f"{header.split(',')[3]} [{other}]" in remarks
+    stated = ",".join(
+        name + f" [{other}]" * (name not in "xyz") for name in header.split(",")
+    )
+    found, remarks = read(table(tmp_path, angles, header=stated))
+    factor = np.pi / 180 if other == "deg" else 1.0
+    assert_pose(found, Rotation.from_rotvec(factor * angles))
+    assert "are taken for" not in remarks
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "x,y,z,shoulder_roll,shoulder_pitch,shoulder_yaw",
+        "u,v,w,a,b,c",
+        "x,y,z,k_a,k_b,k_c",
+        "x,y,z,roll,pitch,heading",
+    ],
+)
+def test_other_angles_are_no_orientation(header, tmp_path):
+    found, _ = read(table(tmp_path, RADIANS, header=header))
+    assert found.channels == tuple(header.split(","))
+    assert found.rotation_reference is None
+
+
+@pytest.mark.parametrize(
+    ("unit", "largest", "is_kuka"),
+    [("", 359.0, True), ("", 361.0, False), (" [V]", 90.0, False)],
+)
+def test_columns_a_b_c_are_angles_unless_too_large_or_in_another_unit(
+    unit, largest, is_kuka, tmp_path
+):
+    angles = np.zeros((400, 3))
+    angles[:, 0] = largest - np.sin(files.TIME) ** 2
+    header = "x,y,z," + ",".join(f"{name}{unit}" for name in "abc")
+    found, _ = read(table(tmp_path, angles, header=header))
+    assert ("rx" in found.channels) == is_kuka
+    assert ("a" in found.channels) != is_kuka
+
+
+@pytest.mark.parametrize(
+    ("header", "angles", "reason"),
+    [
+        ("rx [deg],ry [deg],rz [deg]", DEGREES, "are in degrees"),
+        ("rx_deg,ry_deg,rz_deg", DEGREES, "are in degrees"),
+        ("Rx,Ry,Rz", DEGREES, "reach 190"),
+        ("rx,ry,rz", DEGREES, "reach 190"),
+    ],
+)
+def test_rotation_vectors_in_degrees_are_refused_with_an_option_that_works(
+    header, angles, reason, tmp_path
+):
+    path = table(tmp_path, angles, header=f"x,y,z,{header}")
+    with pytest.raises(FmpError, match=f"{reason}.* look like Euler angles") as refusal:
+        read(path)
+    assert_pose(read(path, option_in(str(refusal.value)))[0])
+
+
+@pytest.mark.parametrize(
+    ("length", "unit", "is_read"),
+    [(6.3, "", True), (6.5, "", False), (6.5, " [rad]", True)],
+)
+def test_a_rotation_vector_is_at_most_a_revolution_unless_its_unit_is_stated(
+    length, unit, is_read, tmp_path
+):
+    vectors = np.outer(length - 0.3 * np.sin(files.TIME) ** 2, [0, 0, 1])
+    header = ",".join(f"{name}{unit}" for name in ("rx", "ry", "rz"))
+    path = table(tmp_path, vectors, header=f"x,y,z,{header}")
+    if is_read:
+        assert_pose(read(path)[0], Rotation.from_rotvec(vectors))
+    else:
+        with pytest.raises(FmpError, match=r"reach 6\.5, so they look like Euler"):
+            read(path)
+
+
+@pytest.mark.parametrize("header", ["rx,ry,rz", "Rx,Ry,Rz", "tcp_rx,tcp_ry,tcp_rz"])
+def test_remark_on_a_rotation_vector_tells_how_to_read_euler_angles(header, tmp_path):
+    path = table(tmp_path, RADIANS, header=f"x,y,z,{header}")
+    found, remarks = read(path)
+    assert f"{header.replace(',', ', ')} read as a rotation vector; if they" in remarks
+    assert_pose(found, Rotation.from_rotvec(RADIANS))
+    assert_pose(read(path, option_in(remarks))[0])
+
+
+@pytest.mark.parametrize(
+    "header", ["roll,pitch,yaw,qx,qy,qz,qw", "rx,ry,rz,qx,qy,qz,qw"]
+)
+def test_a_quaternion_is_preferred_to_other_angles(header, tmp_path):
+    found, remarks = read(
+        table(tmp_path, RADIANS, QUATERNIONS, header=f"x,y,z,{header}")
+    )
+    assert found.channels == ("x", "y", "z", "rx", "ry", "rz")
+    assert_pose(found)
+    assert "left out: the orientation is that of qx, qy, qz, qw" in remarks
+
+
+def test_angles_of_a_numbered_pose_are_read_by_the_advised_option(tmp_path):
+    path = tmp_path / "d.npz"
+    pose = np.hstack([files.PATH, RADIANS])
+    np.savez(path, time=files.TIME, cartesian_position=pose)
+    found, remarks = read(path)
+    assert found.channels == ("x", "y", "z")
+    assert "angles that are not read; if they are roll, pitch and yaw, add" in remarks
+    found, remarks = read(path, option_in(remarks))
+    assert_pose(found)
+    assert "not read" not in remarks
+
+
+@pytest.mark.parametrize("angles", [TURNS.as_rotvec(), DEGREES])
+def test_a_numbered_pose_of_a_tool_has_a_rotation_vector_unless_in_degrees(
+    angles, tmp_path
+):
+    path = tmp_path / "d.npz"
+    np.savez(path, time=files.TIME, tcp_pose=np.hstack([files.PATH, angles]))
+    found, remarks = read(path)
+    if angles is DEGREES:
+        assert found.channels == ("x", "y", "z")
+        found, _ = read(path, option_in(remarks))
+    assert_pose(found)
+
+
+@pytest.mark.parametrize(
+    ("columns", "channels"),
+    [
+        ("qx=ox,qy=oy,qz=oz,qw=ow", "x y z force_x force_y force_z rx ry rz"),
+        ("force=fz", "x y z ox oy oz ow fx fy force"),
+        ("qx=ox,qy=oy,qz=oz,qw=ow,force=fz", "x y z fx fy force rx ry rz"),
+        ("time=time", "x y z ox oy oz ow force_x force_y force_z"),
+        ("x=px,y=py,z=pz", "x y z"),
+        ("x=px,y=py,z=pz,qx=ox,qy=oy,qz=oz,qw=ow", "x y z rx ry rz"),
+    ],
+)
+def test_the_rest_is_recognised_where_only_an_orientation_or_a_force_is_named(
+    columns, channels, tmp_path
+):
+    header = "px,py,pz,ox,oy,oz,ow,fx,fy,fz"
+    path = table(tmp_path, QUATERNIONS, 9 + files.PATH, header=header)
+    found, _ = read(path, columns)
+    assert found.channels == tuple(channels.split())
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
+    if "rx" in found.channels:
+        assert_pose(found)
+    if "force" in found.channels:
+        assert_allclose(found.select(["force"]).values[:, 0], 9 + files.PATH[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "rows"),
+    [
+        ([0, 1, 2, 3, 4], "1 to 5"),
+        ([7, 200, 201], "8, 201 to 202"),
+        ([1, 3, 5, 7], r"2, 4, 6, \.\.\."),
+    ],
+)
+def test_rows_without_a_unit_quaternion_are_named(wrong, rows, tmp_path):
+    quaternions, force = QUATERNIONS.copy(), files.PATH[:, 0].copy()
+    quaternions[wrong] = 0
+    force[399] = np.nan  # A row that is left out does not move the others.
+    path = table(tmp_path, quaternions, force, header="x,y,z,qx,qy,qz,qw,force")
+    with pytest.raises(FmpError, match=rf"from 0 to 0\); delete .* from 1: {rows}\.$"):
+        read(path)
+
+
+def test_rows_of_wrong_quaternions_are_counted_in_the_file(tmp_path):
+    quaternions, force = QUATERNIONS.copy(), files.PATH[:, 0].copy()
+    quaternions[10], force[:5] = 0, np.nan
+    path = table(tmp_path, quaternions, force, header="x,y,z,qx,qy,qz,qw,force")
+    with pytest.raises(FmpError, match=r"counted from 1: 11\.$"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("header", "hint"),
+    [
+        (
+            "rx,ry,rz",
+            r"\(rx, ry, rz read as a rotation vector; if they are Euler .*yaw=rz\)",
+        ),
+        ("roll,pitch,yaw", r"roll, pitch, yaw read as Euler angles, R = .*\)"),
+        ("q1,q2,q3,q4", r"\(the quaternion from q1 is read as x, y, z, w; .*wxyz\)"),
+        ("qx,qy,qz,qw", "check how the orientation is read."),
+    ],
+)
+def test_refusal_of_a_jump_tells_how_the_orientation_was_read(header, hint, tmp_path):
+    angles = np.zeros((400, header.count(",") + 1))
+    angles[:, -1] = 1.0
+    angles[200:] = np.eye(len(angles[0]))[0] * (3.0 if len(angles[0]) == 3 else 1.0)
+    path = table(tmp_path, angles, header=f"x,y,z,{header}")
+    with pytest.raises(FmpError, match=f"after sample 199; at most 90 .*{hint}$"):
+        read(path)
+
+
+def test_samples_without_an_angle_are_left_out(tmp_path):
+    angles = RADIANS.copy()
+    angles[[5, 6], 1] = np.nan
+    found, remarks = read(table(tmp_path, angles, header="x,y,z,roll,pitch,yaw"))
+    assert_allclose(found.time, np.delete(files.TIME, [5, 6]), atol=1e-9)
+    assert "2 samples without a value of pitch left out" in remarks
