@@ -249,6 +249,32 @@ def test_the_rest_is_recognised_where_only_an_orientation_or_a_force_is_named(
         assert_allclose(found.select(["force"]).values[:, 0], 9 + files.PATH[:, 2])
 
 
+@pytest.mark.parametrize("extra", [0, 1, 3])
+def test_a_measured_state_is_preferred_to_an_action(extra, tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow.parquet import write_table
+
+    path = tmp_path / "d.parquet"
+    state = np.hstack([files.PATH, QUATERNIONS, 5 + files.PATH[:, :extra]])
+    action = np.hstack([files.PATH + 0.1, QUATERNIONS])
+    columns = {"observation.state": list(state), "action": list(action)}
+    write_table(pa.table({"timestamp": files.TIME, **columns}), path)
+    found, remarks = read(path)
+    assert_pose(found)
+    assert re.search("action_x, .*action_qw left out: commanded, not meas", remarks)
+    rest = [f"observation.state_{8 + i}" for i in range(extra)]
+    assert [name for name in found.channels if "state" in name] == rest
+    if rest:
+        assert_allclose(found.select(rest).values, 5 + files.PATH[:, :extra])
+
+
+def test_positions_that_are_only_commanded_are_reported(tmp_path):
+    path = table(tmp_path, header="action_x,action_y,action_z")
+    found, remarks = read(path)
+    assert_allclose(found.values, files.PATH)
+    assert "action_z are commanded; no position is measured" in remarks
+
+
 @pytest.mark.parametrize(
     ("wrong", "rows"),
     [

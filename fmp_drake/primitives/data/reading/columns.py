@@ -67,7 +67,7 @@ JOINT = re.compile(
 _NUMBERS = ("1234567", "0123456", "123456", "012345")
 # Positions that were commanded instead of measured.
 _COMMANDED = re.compile(
-    r"(^|.*_)(t_ee_[dc]|des|desired|target|cmd|command|commanded|ref|reference|goal)"
+    r"(^|.*_)(t_ee_[dc]|des|desired|target|cmd|command|commanded|actions?|ref|reference|goal)"
     r"(_.*|$)"
 )
 NO_MEASURED_ANGLES = re.compile(
@@ -350,6 +350,9 @@ def _channels(
         columns = [c for c in columns if c not in commanded]
         names_of_commands = ", ".join(c.name for c in commanded)
         remarks.append(f"{names_of_commands} left out: commanded, not measured")
+    elif unmeasured := [p for p in positions if _COMMANDED.fullmatch(p)]:
+        names_of_commands = ", ".join(c.name for c in positions[unmeasured[0]])
+        remarks.append(f"{names_of_commands} are commanded; no position is measured")
     angular = [c for c in columns if not c.unit or c.unit in ANGLES]
     rotations, angles, kuka = (
         {p: group for p, group in _groups(angular, form, axes).items() if p in prefixes}

@@ -21,6 +21,8 @@ _JOINTS = re.compile(r"(.*_)?(q|qpos|joints?|joint_positions?|theta|angles?)")
 _WRENCH = re.compile(r"(.*?)_?(force|wrench|ft|f_ext_hat_k)")
 _CARTESIAN = re.compile(r"(.*_)?(cart|cartesian|ee|eef|tcp|tool|flange|pose)_")
 _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
+# LeRobot: a pose, and a gripper or forces.
+_STATE = re.compile(r"(.*_)?state")
 _JOINT_STATE = re.compile(r"(.*)_position")
 _RATES_OF_JOINTS = ("velocity", "effort")
 # Greatest error of a quaternion's length, where the name does not say that it is a
@@ -71,6 +73,8 @@ def column_groups(
         if not count or numbers not in (list(range(count)), list(range(1, count + 1))):
             continue
         sources = [members[n] for n in numbers]
+        if count in range(8, 16) and _STATE.fullmatch(prefix):
+            count, sources = 7, sources[:7]
         stem = prefix.removesuffix("position")
         if stem != prefix and count > 3 and not _CARTESIAN.fullmatch(stem):
             yield _numbered_joints(table, stem, numbered, values)
