@@ -276,6 +276,27 @@ def test_positions_that_are_only_commanded_are_reported(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("header", "channel"),
+    [
+        ("normal_force", "force"),
+        ("Normal Force (N)", "force"),
+        ("sensor.force_normal", "force"),
+        ("normal_force [kN]", "normal_force"),
+        ("fz", "fz"),
+        ("force_z", "force_z"),
+    ],
+)
+def test_only_a_normal_force_is_one_by_its_name(header, channel, tmp_path):
+    path = table(tmp_path, 9 + files.PATH[:, :1], header=f"x,y,z,{header}")
+    assert read(path)[0].channels == ("x", "y", "z", channel)
+
+
+def test_a_column_named_force_is_preferred_to_a_normal_force(tmp_path):
+    path = table(tmp_path, files.PATH[:, :2], header="x,y,z,normal_force,force")
+    assert read(path)[0].channels == ("x", "y", "z", "normal_force", "force")
+
+
+@pytest.mark.parametrize(
     ("wrong", "rows"),
     [
         ([0, 1, 2, 3, 4], "1 to 5"),

@@ -74,6 +74,7 @@ NO_MEASURED_ANGLES = re.compile(
     rf"{_COMMANDED.pattern}|vel|acc|speed|tau|torque|effort|force|current|temp"
 )
 """Words in the names of numbered joint values that are not measured angles."""
+_NORMAL_FORCE = re.compile(r"(.*_)?(normal_force|force_normal)")
 _FORCE = re.compile(r"(.*?)_?(?:(?<![a-z0-9])f|force)_?([xyz])")
 NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
@@ -375,6 +376,10 @@ def _channels(
             (group,) = groups.values()
             for column, name in zip(group, axes, strict=False):
                 labels[column.number] = name
+    forces = [c for c in columns if _NORMAL_FORCE.fullmatch(c.key)]
+    is_newton = [c.unit in ("", "N") for c in forces] == [True]
+    if is_newton and FORCE_CHANNEL not in labels.values():
+        labels[forces[0].number] = FORCE_CHANNEL
     if len(positions) > 1:
         prefix, group = next(iter(positions.items()))
         chosen = (*group, *orientations.get(prefix, ()))
