@@ -378,15 +378,22 @@ def load_as_recorded(
     if extra:
         reading = replace(reading, all_arrays=True)
     demonstrations, remarks = read_demonstrations(paths, reading)
-    if reading.quaternions is None:
-        robots = set(map(FindRobotOfInverseRotation, demonstrations)) - {""}
-        if robots:
-            reading = replace(reading, quaternions="wxyz")
-            demonstrations, remarks = read_demonstrations(paths, reading)
+    robots = _inverse_robots(demonstrations)
+    if robots and reading.quaternions is None:
+        others, notes = read_demonstrations(paths, replace(reading, quaternions="wxyz"))
+        inverse = _inverse_robots(others)
+        if len(inverse) < len(robots):
+            demonstrations, remarks = others, notes
             remarks.append(
                 "quaternions are read as w, x, y, z: only this order agrees with the "
                 f"recorded joints of {min(robots)}"
             )
+        robots = inverse
+    if robots:
+        remarks.append(
+            f"the orientation disagrees with the recorded joints of {min(robots)}, which "
+            "turn like its inverse: check the names of its columns (--columns)"
+        )
     if stretch != 1.0:
         demonstrations = [replace(d, time=d.time * stretch) for d in demonstrations]
     if extra:
@@ -395,6 +402,11 @@ def load_as_recorded(
         names += [FORCE_CHANNEL] if "force" in extra else []
         demonstrations = [d.select(names) for d in demonstrations]
     return demonstrations, remarks
+
+
+def _inverse_robots(demonstrations: Sequence[Demonstration]) -> list[str]:
+    """Return the robots that turn like the inverse of a recorded orientation."""
+    return [r for r in map(FindRobotOfInverseRotation, demonstrations) if r]
 
 
 def _played_channels(demonstration: Demonstration, *, is_placed: bool) -> list[str]:

@@ -70,8 +70,31 @@ def test_joints_tell_the_order_of_quaternions(order, tmp_path):
 
 
 def test_order_of_quaternions_that_is_given_is_kept(tmp_path):
-    found, truth, _ = turning(tmp_path, "wxyz", quaternions="xyzw")
+    found, truth, remarks = turning(tmp_path, "wxyz", quaternions="xyzw")
     assert np.max((found.inv() * truth).magnitude()) > 0.5
+    assert "the orientation disagrees with the recorded joints of panda" in remarks
+
+
+@pytest.mark.parametrize("is_swapped", [True, False])
+def test_named_columns_of_a_quaternion_are_kept_where_joints_disagree(
+    is_swapped, tmp_path
+):
+    _, truth, _ = turning(tmp_path, "xyzw")
+    names = ["qw", "qx", "qy", "qz"] if is_swapped else ["qx", "qy", "qz", "qw"]
+    columns = dict(zip(names, truth.as_quat().T, strict=True))
+    joints = {f"panda_joint{i + 1}": q for i, q in enumerate(JOINTS.T)}
+    file = tmp_path / "named.npz"
+    np.savez(file, time=TIME, **columns, **joints)
+    (found,), remarks = load_as_recorded([file], stretch=1.0)
+    vectors = found.select(["rx", "ry", "rz"]).values
+    recorded = rotations_of(vectors, found.rotation_reference)
+    expected = Rotation.from_quat(
+        np.column_stack([columns[name] for name in ("qx", "qy", "qz", "qw")])
+    )
+    assert np.max((recorded.inv() * expected).magnitude()) < 1e-6
+    remarks = " ".join(remarks)
+    assert "read as w, x, y, z" not in remarks
+    assert ("check the names of its columns" in remarks) == is_swapped
 
 
 def test_a_turn_about_one_axis_does_not_tell_the_order_of_quaternions(tmp_path):
