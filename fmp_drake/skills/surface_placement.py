@@ -1,6 +1,7 @@
 """Placement of recordings with poses and forces on a surface fitted to them."""
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,13 +15,14 @@ from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
+    listed,
 )
 from fmp_drake.primitives.data.orientation import (
     mean_rotation,
     rotation_vectors,
     unit_quaternion,
 )
-from fmp_drake.primitives.data.reading.table import count_text
+from fmp_drake.primitives.data.reading.table import columns_option, count_text
 from fmp_drake.skills.contact import (
     Contact,
     find_contact,
@@ -51,6 +53,8 @@ _TILTED, _BORNE = 0.5, 0.7
 _BENT = 0.5
 # Tilt above which quaternions may have been read in the wrong order, degrees.
 _LARGE_TILT = 20.0
+# Single component of a force that may be the normal force.
+_FORCE_Z = re.compile(r"(.*[_.])?f(orce)?[_.]?z")
 # Least rotational stiffness with which a recorded orientation is followed, Nm/rad.
 _ROTATIONAL_STIFFNESS = 60.0
 # Displacement of the tool by friction, m: with the default stiffness and 10 N it is 3.3 mm.
@@ -111,6 +115,12 @@ def place_on_fitted_surface(
         if name not in EXTRA_CHANNELS:
             raise DemonstrationError(
                 f"{name!r} cannot be placed; choose from: {', '.join(EXTRA_CHANNELS)}."
+            )
+    for demonstration in demonstrations:
+        if not set(POSITION_CHANNELS) <= set(demonstration.channels):
+            raise DemonstrationError(
+                f"the channels are {listed(demonstration.channels)}; a surface needs x, y and "
+                f"z: {columns_option(dict.fromkeys(POSITION_CHANNELS, 'NAME'))}"
             )
     fit, contacts = _fit(demonstrations, shape, **rhythm)
     remarks = [
@@ -375,8 +385,9 @@ def _orientation(
     recorded = recorded_rotations(demonstration)
     if recorded is None:
         raise DemonstrationError(
-            f"the channels are {', '.join(demonstration.channels)}; an orientation needs a "
-            "quaternion (--columns qx=NAME,qy=NAME,qz=NAME,qw=NAME)."
+            f"the channels are {listed(demonstration.channels)}; an orientation needs a "
+            "quaternion (qx, qy, qz, qw), a rotation vector in rad (rx, ry, rz), or Euler "
+            "angles (roll, pitch, yaw): --columns qx=NAME,qy=NAME,qz=NAME,qw=NAME"
         )
     R_DT = fit.rotation @ surfaces.rotations(fit.curvature, uvh)
     relative = Rotation.from_matrix(R_DT).inv() * recorded
@@ -404,7 +415,10 @@ def _flatten(vectors: Array, touching: Mask, scenario: Scenario) -> tuple[float,
     if scale < 1:
         remark += f", scaled to {100 * scale:.0f} % of it, the limit of the felt"
     if degrees > _LARGE_TILT:
-        remark += "; if it never did, give the order of its quaternions (--quaternions)"
+        remark += (
+            "; if it never did, the orientation is misread: its columns (--columns) or the "
+            "order of its quaternions (--quaternions)"
+        )
     return scale * lift, remark
 
 
@@ -426,9 +440,11 @@ def _normal_force(
     them.
     """
     if contact.force is None:
+        names = [n for n in demonstration.channels if _FORCE_Z.fullmatch(n.lower())]
         raise DemonstrationError(
-            f"the channels are {', '.join(demonstration.channels)}; a force needs the channel "
-            "force, or force_x, force_y and force_z (--columns)."
+            f"the channels are {listed(demonstration.channels)}; a force needs force, the "
+            "normal force, or force_x, force_y and force_z: "
+            f"{columns_option({FORCE_CHANNEL: (names or ['NAME'])[0]})}"
         )
     force, on, source = contact.force, contact.touching, "as recorded"
     normal = np.abs(force[:, 0])

@@ -435,12 +435,21 @@ def test_missing_channels_and_forces_are_refused():
     recording, *_ = posed("plane")
     position = recording.select(["x", "y", "z"])
     for extra, message in (
-        ("orientation", "an orientation needs a quaternion"),
-        ("force", "a force needs the channel force"),
+        (
+            "orientation",
+            r"needs a quaternion .* a rotation vector .* \(roll, pitch, yaw\)",
+        ),
+        ("force", "a force needs force, .* --columns force=NAME$"),
         ("torque", "choose from: orientation, force"),
     ):
         with pytest.raises(DemonstrationError, match=message):
             place_on_fitted_surface([position], scenario=Scenario(), extra=[extra])
+    flat = replace(position.select(["x", "y"]), channels=("x", "fz"))
+    with pytest.raises(DemonstrationError, match="x, fz; a surface needs x, y and z: "):
+        place_on_fitted_surface([flat], scenario=Scenario())
+    along = replace(recording.select([*"xyz", "force_z"]), channels=(*"xyz", "Fz"))
+    with pytest.raises(DemonstrationError, match=r"--columns force=Fz$"):
+        place_on_fitted_surface([along], scenario=Scenario(), extra=["force"])
     weak = Demonstration(
         time=recording.time,
         values=np.column_stack([position.values, np.full(len(recording.time), 0.1)]),
