@@ -46,7 +46,10 @@ NEAREST = {
     "primitives/data/channels.py": "primitives/test_channels.py "
     "primitives/test_scaling.py primitives/test_demonstration.py",
     "primitives/data/reading/table.py": "primitives/test_recorded_files.py",
-    "primitives/data/reading/columns.py": "primitives/test_recorded_files.py",
+    "primitives/data/reading/columns.py": "primitives/test_recorded_files.py "
+    "primitives/test_recorded_orientations.py",
+    "primitives/data/reading/angles.py": "primitives/test_recorded_orientations.py "
+    "primitives/test_recorded_files.py",
     "primitives/model/phase/calibration.py": "primitives/test_calibration.py "
     "primitives/test_phase_model.py",
     "skills/placement.py": "skills/test_placement.py skills/test_surface_placement.py",

@@ -348,3 +348,33 @@ def test_samples_without_an_angle_are_left_out(tmp_path):
     found, remarks = read(table(tmp_path, angles, header="x,y,z,roll,pitch,yaw"))
     assert_allclose(found.time, np.delete(files.TIME, [5, 6]), atol=1e-9)
     assert "2 samples without a value of pitch left out" in remarks
+
+
+@pytest.mark.parametrize(("largest", "is_degrees"), [(12.5, False), (12.6, True)])
+def test_joints_are_in_degrees_above_two_revolutions(largest, is_degrees, tmp_path):
+    angles = largest - np.sin(files.TIME)[:, None] ** 2
+    found, _ = read(table(tmp_path, angles, header="x,y,z,joint_1"))
+    factor = np.pi / 180 if is_degrees else 1.0
+    assert_allclose(found.select(["joint_1"]).values, factor * angles)
+
+
+@pytest.mark.parametrize(
+    ("length", "count", "advice"),
+    [
+        (1.09, 400, ""),
+        (1.11, 199, "delete these rows"),
+        (1.11, 201, "give the columns"),
+        (0.89, 201, "give the columns"),
+    ],
+)
+def test_quaternions_may_differ_by_a_tenth_from_unit_length(
+    length, count, advice, tmp_path
+):
+    quaternions = QUATERNIONS.copy()
+    quaternions[:count] *= length
+    path = table(tmp_path, quaternions, header="x,y,z,qx,qy,qz,qw")
+    if advice:
+        with pytest.raises(FmpError, match=rf"lengths from {length} to .*{advice}"):
+            read(path)
+    else:
+        assert_pose(read(path)[0])
