@@ -39,6 +39,8 @@ from fmp_drake.skills.surface_placement import (
 from fmp_drake.station import Scenario
 from fmp_drake.station.robots.robot import ListRobots
 
+# Channels of `EXTRA_CHANNELS`.
+_CHANNELS_OF = {"orientation": ROTATION_CHANNELS, "force": (FORCE_CHANNEL,)}
 # Planes that are tried, and samples that are enough to compare them.
 _TRIES = 1000
 _SAMPLES = 2000
@@ -378,10 +380,10 @@ def load_as_recorded(
     if extra:
         reading = replace(reading, all_arrays=True)
     demonstrations, remarks = read_demonstrations(paths, reading)
-    robots = _inverse_robots(demonstrations)
+    robots = [*filter(None, map(FindRobotOfInverseRotation, demonstrations))]
     if robots and reading.quaternions is None:
         others, notes = read_demonstrations(paths, replace(reading, quaternions="wxyz"))
-        inverse = _inverse_robots(others)
+        inverse = [*filter(None, map(FindRobotOfInverseRotation, others))]
         if len(inverse) < len(robots):
             demonstrations, remarks = others, notes
             remarks.append(
@@ -397,16 +399,11 @@ def load_as_recorded(
     if stretch != 1.0:
         demonstrations = [replace(d, time=d.time * stretch) for d in demonstrations]
     if extra:
-        names = [*POSITION_CHANNELS]
-        names += ROTATION_CHANNELS if "orientation" in extra else ()
-        names += [FORCE_CHANNEL] if "force" in extra else []
-        demonstrations = [d.select(names) for d in demonstrations]
+        names = [name for e in extra for name in _CHANNELS_OF[e]]
+        demonstrations = [
+            d.select([*POSITION_CHANNELS, *names]) for d in demonstrations
+        ]
     return demonstrations, remarks
-
-
-def _inverse_robots(demonstrations: Sequence[Demonstration]) -> list[str]:
-    """Return the robots that turn like the inverse of a recorded orientation."""
-    return [r for r in map(FindRobotOfInverseRotation, demonstrations) if r]
 
 
 def _played_channels(demonstration: Demonstration, *, is_placed: bool) -> list[str]:

@@ -388,11 +388,17 @@ def _orientation(
             f"the channels are {listed(demonstration.channels)}; an orientation needs a "
             "quaternion (qx, qy, qz, qw), a rotation vector in rad (rx, ry, rz), or Euler "
             "angles (roll, pitch, yaw): --columns qx=NAME,qy=NAME,qz=NAME,qw=NAME"
+            f"{_read_as(demonstration)}"
         )
     R_DT = fit.rotation @ surfaces.rotations(fit.curvature, uvh)
     relative = Rotation.from_matrix(R_DT).inv() * recorded
     mean = mean_rotation(relative[contact.touching])
     return rotation_vectors(relative, mean)
+
+
+def _read_as(demonstration: Demonstration) -> str:
+    """Return the remarks on how a recording was read, in brackets."""
+    return f" ({demonstration.note})" if demonstration.note else ""
 
 
 def _flatten(vectors: Array, touching: Mask, scenario: Scenario) -> tuple[float, str]:
@@ -445,6 +451,7 @@ def _normal_force(
             f"the channels are {listed(demonstration.channels)}; a force needs force, the "
             "normal force, or force_x, force_y and force_z: "
             f"{columns_option({FORCE_CHANNEL: (names or ['NAME'])[0]})}"
+            f"{_read_as(demonstration)}"
         )
     force, on, source = contact.force, contact.touching, "as recorded"
     normal = np.abs(force[:, 0])

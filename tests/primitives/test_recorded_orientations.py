@@ -152,13 +152,14 @@ def test_columns_a_b_c_are_angles_unless_too_large_or_in_another_unit(
         ("rx,ry,rz", DEGREES, "reach 190"),
     ],
 )
-def test_rotation_vectors_in_degrees_are_refused_with_an_option_that_works(
+def test_rotation_vectors_in_degrees_are_not_read_and_the_option_that_works_is_told(
     header, angles, reason, tmp_path
 ):
     path = table(tmp_path, angles, header=f"x,y,z,{header}")
-    with pytest.raises(FmpError, match=f"{reason}.* look like Euler angles") as refusal:
-        read(path)
-    assert_pose(read(path, option_in(str(refusal.value)))[0])
+    found, remarks = read(path)
+    assert found.rotation_reference is None
+    assert f"{reason}, so they are not read as an orientation" in remarks
+    assert_pose(read(path, option_in(remarks))[0])
 
 
 @pytest.mark.parametrize(
@@ -174,8 +175,9 @@ def test_a_rotation_vector_is_at_most_a_revolution_unless_its_unit_is_stated(
     if is_read:
         assert_pose(read(path)[0], Rotation.from_rotvec(vectors))
     else:
-        with pytest.raises(FmpError, match=r"reach 6\.5, so they look like Euler"):
-            read(path)
+        found, remarks = read(path)
+        assert "reach 6.5, so they are not read as an orientation" in remarks
+        assert found.rotation_reference is None
 
 
 @pytest.mark.parametrize("header", ["rx,ry,rz", "Rx,Ry,Rz", "tcp_rx,tcp_ry,tcp_rz"])

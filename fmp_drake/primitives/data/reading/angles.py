@@ -52,20 +52,16 @@ def angle_units(
 ) -> dict[int, str]:
     """Return the unit of each angle without a stated one, by the index of its channel.
 
-    Rotation vectors are in rad. Euler angles are in degrees if one is greater than a
-    revolution, or if they are KUKA's; other angles if one is greater than two.
-
-    Raises
-    ------
-    DemonstrationError
-        Where a rotation vector is in degrees, or longer than a revolution.
+    Rotation vectors are in rad; one in degrees, or longer than a revolution, is none, and its
+    unit is 1. Euler angles are in degrees if one is greater than a revolution, or if they
+    are KUKA's; other angles if one is greater than two.
     """
     names, columns = list(channels), list(channels.values())
     rotation, euler = (
         [names.index(name) for name in kind if set(kind) <= set(names)]
         for kind in (ROTATION_CHANNELS, EULER_CHANNELS)
     )
-    _check_rotation_vector(
+    doubt = _doubt_of_rotation_vector(
         values[:, rotation],
         [columns[i] for i in rotation],
         [stated[i] for i in rotation],
@@ -87,24 +83,28 @@ def angle_units(
                 f"they are {words[other]}, write so in the header or in --columns: "
                 f"{labels[0]} [{other}]"
             )
+    if doubt:
+        remarks.append(doubt)
+        angles |= dict.fromkeys(rotation, "1")
     return angles
 
 
-def _check_rotation_vector(
+def _doubt_of_rotation_vector(
     vectors: Array, columns: Sequence[Column], units: Sequence[str]
-) -> None:
-    """Refuse rotation vectors (N, 3) in degrees, or longer than a revolution."""
+) -> str:
+    """Return a remark on rotation vectors (N, 3) in degrees, or longer than a revolution."""
     lengths = np.linalg.norm(vectors, axis=1)
     largest = float(np.max(lengths[np.isfinite(lengths)], initial=0.0))
     are_degrees = any(unit in ANGLES and unit != "rad" for unit in units)
-    if are_degrees or (largest > REVOLUTION and not any(units)):
-        found = "are in degrees" if are_degrees else f"reach {largest:.3g}"
-        raise DemonstrationError(
-            f"{', '.join(column.name for column in columns)} {found}, so they look like "
-            "Euler angles: a rotation vector is in radians. For roll, pitch and yaw, R = "
-            f"Rz(yaw) Ry(pitch) Rx(roll), add {euler_option([c.source for c in columns])}; "
-            "convert other angles to quaternions."
-        )
+    if not are_degrees and (largest <= REVOLUTION or any(units)):
+        return ""
+    found = "are in degrees" if are_degrees else f"reach {largest:.3g}"
+    return (
+        f"{', '.join(column.name for column in columns)} {found}, so they are not read as an "
+        "orientation: a rotation vector is in radians. For roll, pitch and yaw, R = "
+        f"Rz(yaw) Ry(pitch) Rx(roll), add {euler_option([c.source for c in columns])}; "
+        "convert other angles to quaternions"
+    )
 
 
 def continuous_angles(
