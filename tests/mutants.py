@@ -46,6 +46,7 @@ NEAREST = {
     "primitives/data/channels.py": "primitives/test_channels.py "
     "primitives/test_scaling.py primitives/test_demonstration.py",
     "primitives/data/reading/table.py": "primitives/test_recorded_files.py",
+    "primitives/data/reading/rows.py": "primitives/test_recorded_files.py",
     "primitives/data/reading/columns.py": "primitives/test_recorded_files.py "
     "primitives/test_recorded_orientations.py",
     "primitives/data/reading/angles.py": "primitives/test_recorded_orientations.py "

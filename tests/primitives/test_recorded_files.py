@@ -171,8 +171,6 @@ REFUSED = {
     files.sensors_in_turn_without_a_choice: "sensor_id alternates: .* among 3, 7: --topic 3",
     files.rostopic_echo_in_yaml: "YAML, as ROS prints it; .* -p TOPIC > table.csv",
     files.yaml_of_joints: "YAML, as ROS prints it",
-    files.two_topics_in_a_table: r"800 of 800 samples have no value of .*; leave them out: "
-    r"--columns x=/pose/position/x,y=/pose/position/y,z=/pose/position/z$",
     files.letter: r"no line of numbers .* header such as `time,x,y,z`",
     files.windows: r"the array \(5, 3, 3, 120\).* expected .* \(N, D\)",
     files.objects: r"Python objects, which may run code; save an array",
@@ -427,6 +425,42 @@ def test_few_broken_rows_are_left_out(make, rows, said, tmp_path):
     assert_allclose(found.values, files.PATH[kept], atol=1e-12)
     assert_allclose(found.time, files.TIME[kept], atol=1e-12)
     assert re.search(said, remarks[0])
+
+
+def test_topics_in_rows_of_their_own_are_interpolated_at_the_times_of_the_position(
+    tmp_path,
+):
+    (found,), (remark,) = read_demonstrations(
+        [files.two_topics_in_a_table(tmp_path).path]
+    )
+    joints = [f"/joint_states/panda_joint{i}/position" for i in range(1, 8)]
+    assert "interpolated at the times of the position" in remark
+    # Before the first row of the joints nothing is known of them.
+    assert_allclose(found.time, files.TIME[1:], atol=1e-12)
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH[1:], atol=1e-12)
+    known = [
+        np.interp(files.TIME[1:], files.TIME + 0.004, q) for q in files.JOINTS[:400].T
+    ]
+    assert_allclose(found.select(joints).values, np.transpose(known), atol=1e-9)
+
+
+@pytest.mark.parametrize("every", [5, 40])
+def test_a_slower_force_is_interpolated_but_not_over_gaps(every, tmp_path):
+    force = np.round(10 + 3 * np.sin(files.TIME), 6)
+    rows = ["time,x,y,z,force"]
+    for i, (t, p) in enumerate(
+        zip(files.TIME.tolist(), files.PATH.tolist(), strict=True)
+    ):
+        value = "" if i % every else repr(float(force[i]))
+        rows.append(",".join([*map(repr, [t, *p]), value]))
+    file = files.write(tmp_path, "\n".join(rows))
+    if every == 40:  # 0.8 s
+        with pytest.raises(FmpError, match="390 of 400 samples have no value of force"):
+            read_demonstrations([file.path])
+        return
+    (found,), _ = read_demonstrations([file.path])
+    assert len(found.time) == 396
+    assert_allclose(found.values[:, 3], force[:396], atol=0.01)
 
 
 def test_a_row_that_is_left_out_does_not_move_the_others_in_time(tmp_path):

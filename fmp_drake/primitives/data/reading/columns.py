@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 
 import numpy as np
 
@@ -25,6 +24,11 @@ from fmp_drake.primitives.data.reading.angles import (
 )
 from fmp_drake.primitives.data.reading.clock import ordered_times, time_column
 from fmp_drake.primitives.data.reading.groups import column_groups
+from fmp_drake.primitives.data.reading.rows import (
+    LEAST_COMPLETE,
+    interpolated,
+    steady_samples,
+)
 from fmp_drake.primitives.data.reading.table import (
     ANGLES,
     LENGTHS,
@@ -92,11 +96,6 @@ _UNITS = (
     (re.compile(r"(.*_)?(force(_?[xyz])?|f_?[xyz])"), "N"),
     (re.compile(r"(.*_)?torque(_?[xyz])?"), "Nm"),
 )
-# Least fraction of samples in which all channels have a value.
-_LEAST_COMPLETE = 0.5
-# Positions that jump: least speed, m/s, and relative to nine tenths of the others; the most
-# samples in a row, and the greatest fraction of all samples.
-_FASTEST, _FASTER, _MOST_JUMPING, _MOST_JUMPS = 5.0, 5.0, 3, 0.05
 # Width of a path above which its unit is questioned, m.
 _WIDEST = 5.0
 # Channels of which only some may be named: the rest is recognised.
@@ -178,14 +177,15 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         remarks.append(f"{count} without a value left out")
     time, order = ordered_times(stamp, rows, values[rows], options, remarks)
     rows = rows[order]
-    complete = _complete_rows(values[rows], channels, remarks)
-    time, rows = time[complete], rows[complete]
-    values = values[rows]
+    values, is_placed = interpolated(time, values[rows], channels, remarks)
+    time, rows, values = time[is_placed], rows[is_placed], values[is_placed]
+    complete = _complete_rows(values, channels, remarks)
+    time, rows, values = time[complete], rows[complete], values[complete]
     units = _to_standard_units(values, channels, options, remarks)
     names = [*channels]
     values = continuous_angles(values, channels, names, units, remarks)
     metres = [i for i, name in enumerate(names) if name in POSITION_CHANNELS]
-    is_steady = _steady_samples(time, values[:, metres], remarks)
+    is_steady = steady_samples(time, values[:, metres], remarks)
     time, values, rows = time[is_steady], values[is_steady], rows[is_steady]
     if gaps := np.count_nonzero(np.diff(time) > LONGEST_GAP):
         remarks.append(f"gaps of more than {LONGEST_GAP} s, not bridged: {gaps}")
@@ -210,7 +210,7 @@ def _complete_rows(
     count = len(values) - int(np.count_nonzero(complete))
     incomplete = [n for n, e in zip(channels, is_empty.T, strict=True) if np.any(e)]
     choice = next((r for r in remarks if r.startswith(f"{SEVERAL} positions")), "")
-    if count > (1 - _LEAST_COMPLETE) * len(values) or (count and choice):
+    if count > (1 - LEAST_COMPLETE) * len(values) or (count and choice):
         # The channels that most samples have; in a tie, those with more position axes.
         known, counts = np.unique(~is_empty, axis=0, return_counts=True)
         is_axis = np.isin(list(channels), POSITION_CHANNELS)
@@ -231,45 +231,6 @@ def _complete_rows(
         samples = count_text(count, "sample")
         remarks.append(f"{samples} without a value of {names} left out")
     return complete
-
-
-def _steady_samples(time: Array, positions: Array, remarks: list[str]) -> Mask:
-    """Return a mask (n,) of the samples without positions (n, D), m, that jump away and back.
-
-    Lost tracking gives such positions in up to three samples, also at the ends.
-    """
-    is_steady = np.ones(len(time), dtype=bool)
-    is_short = len(time) < _MOST_JUMPING / _MOST_JUMPS
-    # Infinite numbers are refused later.
-    if is_short or not positions.shape[1] or not np.isfinite(positions).all():
-        return is_steady
-    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    intervals = np.diff(time)
-    # Some clocks stamp several samples at almost the same time.
-    speeds = steps / np.maximum(intervals, np.median(intervals))
-    fastest = max(_FASTEST, _FASTER * float(np.quantile(speeds, 0.9)))
-    jumps = [0, *(np.flatnonzero(speeds > fastest) + 1).tolist(), len(time)]
-    for a, b in pairwise(jumps[1:-1]):
-        # Of two samples that jump to and fro, the first one is left out.
-        if b - a <= _MOST_JUMPING and is_steady[a - 1]:
-            distance = np.linalg.norm(positions[b] - positions[a - 1])
-            is_steady[a:b] = distance > fastest * (time[b] - time[a - 1])
-    for a, b, beside in (
-        (0, jumps[1], jumps[1]),
-        (jumps[-2], len(time), jumps[-2] - 1),
-    ):
-        if b - a <= _MOST_JUMPING and is_steady[beside]:
-            is_steady[a:b] = False
-    count = int(np.count_nonzero(~is_steady))
-    if count > _MOST_JUMPS * len(time):
-        return np.ones(len(time), dtype=bool)
-    if count:
-        largest = float(np.max(steps[speeds > fastest]))
-        remarks.append(
-            f"{count_text(count, 'sample')} left out whose position jumps, by up to "
-            f"{largest:.3g} m"
-        )
-    return is_steady
 
 
 def _to_standard_units(

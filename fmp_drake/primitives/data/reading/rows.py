@@ -1,0 +1,86 @@
+"""Rows of a table that are used, and values that are interpolated between them."""
+
+from collections.abc import Mapping
+from itertools import pairwise
+
+import numpy as np
+
+from fmp_drake.numeric import Array, Mask
+from fmp_drake.primitives.data.channels import POSITION_CHANNELS
+from fmp_drake.primitives.data.reading.table import LONGEST_GAP, Column, count_text
+
+LEAST_COMPLETE = 0.5
+"""Least fraction of samples in which all channels have a value."""
+# Positions that jump: least speed, m/s, and relative to nine tenths of the others; the most
+# samples in a row, and the greatest fraction of all samples.
+_FASTEST, _FASTER, _MOST_JUMPING, _MOST_JUMPS = 5.0, 5.0, 3, 0.05
+
+
+def interpolated(
+    time: Array, values: Array, channels: Mapping[str, Column], remarks: list[str]
+) -> tuple[Array, Mask]:
+    """Interpolate channels of other sensors, which have rows or a rate of their own.
+
+    Returns values (n, C), and a mask (n,) of the samples with a position, to be kept. Where
+    most samples are complete, or there is no position, nothing changes. Gaps are not
+    bridged.
+    """
+    known = ~np.isnan(values)
+    axes = np.isin(list(channels), POSITION_CHANNELS)
+    is_placed = np.all(known[:, axes], axis=1)
+    others = np.flatnonzero(~np.all(known[is_placed], axis=0))
+    is_sparse = np.count_nonzero(known[:, others], axis=0) < 2
+    are_most = np.mean(np.all(known, axis=1)) >= LEAST_COMPLETE
+    if are_most or not axes.any() or not len(others) or np.any(is_sparse):
+        return values, np.ones(len(values), dtype=bool)
+    values = values.copy()
+    for i in others:
+        stamps = time[known[:, i]]
+        after = np.searchsorted(stamps, time).clip(1, len(stamps) - 1)
+        is_near = stamps[after] - stamps[after - 1] <= LONGEST_GAP
+        is_inside = (stamps[0] <= time) & (time <= stamps[-1])
+        filled = np.interp(time, stamps, values[known[:, i], i])
+        between = ~known[:, i] & is_near & is_inside
+        values[between, i] = filled[between]
+    names = ", ".join(name for k, name in enumerate(channels) if k in others)
+    remarks.append(f"{names} interpolated at the times of the position")
+    return values, is_placed
+
+
+def steady_samples(time: Array, positions: Array, remarks: list[str]) -> Mask:
+    """Return a mask (n,) of the samples without positions (n, D), m, that jump away and back.
+
+    Lost tracking gives such positions in up to three samples, also at the ends.
+    """
+    is_steady = np.ones(len(time), dtype=bool)
+    is_short = len(time) < _MOST_JUMPING / _MOST_JUMPS
+    # Infinite numbers are refused later.
+    if is_short or not positions.shape[1] or not np.isfinite(positions).all():
+        return is_steady
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    intervals = np.diff(time)
+    # Some clocks stamp several samples at almost the same time.
+    speeds = steps / np.maximum(intervals, np.median(intervals))
+    fastest = max(_FASTEST, _FASTER * float(np.quantile(speeds, 0.9)))
+    jumps = [0, *(np.flatnonzero(speeds > fastest) + 1).tolist(), len(time)]
+    for a, b in pairwise(jumps[1:-1]):
+        # Of two samples that jump to and fro, the first one is left out.
+        if b - a <= _MOST_JUMPING and is_steady[a - 1]:
+            distance = np.linalg.norm(positions[b] - positions[a - 1])
+            is_steady[a:b] = distance > fastest * (time[b] - time[a - 1])
+    for a, b, beside in (
+        (0, jumps[1], jumps[1]),
+        (jumps[-2], len(time), jumps[-2] - 1),
+    ):
+        if b - a <= _MOST_JUMPING and is_steady[beside]:
+            is_steady[a:b] = False
+    count = int(np.count_nonzero(~is_steady))
+    if count > _MOST_JUMPS * len(time):
+        return np.ones(len(time), dtype=bool)
+    if count:
+        largest = float(np.max(steps[speeds > fastest]))
+        remarks.append(
+            f"{count_text(count, 'sample')} left out whose position jumps, by up to "
+            f"{largest:.3g} m"
+        )
+    return is_steady
