@@ -494,6 +494,11 @@ def quaternion_from_1(folder):
     return write(folder, lines(*columns, header=",".join(names)))
 
 
+def quaternion_of_one_letter(folder):
+    columns = (TIME, *PATH.T, *QUATERNIONS.T)
+    return write(folder, lines(*columns, header="time,px,py,pz,ox,oy,oz,ow"))
+
+
 def quaternion_without_a_word(folder):
     columns = (TIME, *PATH.T, *np.roll(QUATERNIONS, 1, 1).T)
     return write(folder, lines(*columns, header="time,px,py,pz,w,x,y,z"))

@@ -147,6 +147,7 @@ POSES = (
     files.tum_without_header,
     files.poses_behind_stamps_without_names,
     files.quaternion_from_1,
+    files.quaternion_of_one_letter,
     files.quaternion_without_a_word,
     files.lists_in_cells,
 )

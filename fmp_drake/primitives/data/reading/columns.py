@@ -56,8 +56,8 @@ _ROTATION = re.compile(_WORD.format(_TURNS, "(?:r|rotvec_)([xyz])"))
 _EULER = re.compile(_WORD.format(_TURNS, "(roll|pitch|yaw)"))
 _KUKA = re.compile(_WORD.format(_TURNS, "([abc])"))
 _QUATERNION = re.compile(
-    r"(.*?)_?(?:q|quats?|quaternions?|ori(?:entations?)?|rotations?|rot)(?:_[a-z]{1,3})?_?"
-    r"([xyzw])"
+    r"(.*?)_?(?:q|(?<![a-z0-9])o|quats?|quaternions?|ori(?:entations?)?|rotations?|rot)"
+    r"(?:_[a-z]{1,3})?_?([xyzw])"
 )
 JOINT = re.compile(
     r"(?:(.*)[_./])?"
