@@ -229,18 +229,18 @@ def test_a_numbered_pose_of_a_tool_has_a_rotation_vector_unless_in_degrees(
 @pytest.mark.parametrize(
     ("columns", "channels"),
     [
-        ("qx=ox,qy=oy,qz=oz,qw=ow", "x y z force_x force_y force_z rx ry rz"),
-        ("force=fz", "x y z ox oy oz ow fx fy force"),
-        ("qx=ox,qy=oy,qz=oz,qw=ow,force=fz", "x y z fx fy force rx ry rz"),
-        ("time=time", "x y z ox oy oz ow force_x force_y force_z"),
+        ("qx=ux,qy=uy,qz=uz,qw=uw", "x y z force_x force_y force_z rx ry rz"),
+        ("force=fz", "x y z ux uy uz uw fx fy force"),
+        ("qx=ux,qy=uy,qz=uz,qw=uw,force=fz", "x y z fx fy force rx ry rz"),
+        ("time=time", "x y z ux uy uz uw force_x force_y force_z"),
         ("x=px,y=py,z=pz", "x y z"),
-        ("x=px,y=py,z=pz,qx=ox,qy=oy,qz=oz,qw=ow", "x y z rx ry rz"),
+        ("x=px,y=py,z=pz,qx=ux,qy=uy,qz=uz,qw=uw", "x y z rx ry rz"),
     ],
 )
 def test_the_rest_is_recognised_where_only_an_orientation_or_a_force_is_named(
     columns, channels, tmp_path
 ):
-    header = "px,py,pz,ox,oy,oz,ow,fx,fy,fz"
+    header = "px,py,pz,ux,uy,uz,uw,fx,fy,fz"
     path = table(tmp_path, QUATERNIONS, 9 + files.PATH, header=header)
     found, _ = read(path, columns)
     assert found.channels == tuple(channels.split())
