@@ -22,6 +22,7 @@ from fmp_drake.plots.style import (
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Rhythm
 from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import as_windows, demonstration_list
+from fmp_drake.primitives.model.phase.cycle import ONE_CYCLE
 from fmp_drake.primitives.editing.spectrum import polar
 
 _MAX_WINDOWS = 60  # More could not be distinguished.
@@ -152,7 +153,8 @@ def _windows(skill: FourierMovementPrimitive, demonstrations: Demonstrations) ->
     Channels.of_skill(skill).check(recordings)
     longest = max(d.duration for d in recordings)
     is_short = round(longest * skill.rate) + 1 < skill.n_steps
-    if is_short and skill.paths_:
+    is_one_cycle = skill.rhythm_ is not None and skill.rhythm_.cycles < ONE_CYCLE
+    if is_short and skill.paths_ and (len(recordings) > 1 or is_one_cycle):
         # Recordings of one cycle each are joined, or closed, before learning.
         recordings = [
             replace(recordings[0], time=np.arange(len(path)) / skill.rate, values=path)
