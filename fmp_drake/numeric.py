@@ -4,6 +4,7 @@ import operator
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -155,7 +156,8 @@ def check_type(value: Any, what: str, kind: Any, *, error: type[FmpError]) -> No
         Type of the error.
     """
     if not isinstance(value, kind):
-        names = [each.__name__ for each in getattr(kind, "__args__", (kind,))]
+        kinds = getattr(kind, "__args__", (kind,))
+        names = ["None" if k is NoneType else k.__name__ for k in kinds]
         text = " ".join(shown(value).split())
         raise error(f"{what} is {text}; its type must be {' or '.join(names)}.")
 

@@ -65,7 +65,7 @@ def check_settings(settings: Any, error: type[FmpError], name: str = "") -> None
         default = field.default
         if field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
-        if isinstance(value, np.ndarray):
+        if isinstance(value, np.ndarray) and value.ndim == 1:
             value = value.tolist()
             setattr(settings, field.name, value)
         if dataclasses.is_dataclass(value):
@@ -93,7 +93,7 @@ def _check_list(
     for i, value in enumerate(values):
         if dataclasses.is_dataclass(value):
             check_settings(value, error, f"{name}[{i}].")
-        elif not isinstance(value, list):  # Lists in a list contain names, no numbers.
+        elif not isinstance(value, list) or default:  # Else lists of names.
             check_number(value, f"{name}[{i}]", error=error, **limits)
 
 

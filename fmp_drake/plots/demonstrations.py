@@ -22,8 +22,8 @@ from fmp_drake.plots.style import (
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Rhythm
 from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import as_windows, demonstration_list
-from fmp_drake.primitives.model.phase.cycle import ONE_CYCLE
 from fmp_drake.primitives.editing.spectrum import polar
+from fmp_drake.primitives.model.phase.cycle import ONE_CYCLE
 
 _MAX_WINDOWS = 60  # More could not be distinguished.
 # Fraction of the power in the drawn harmonics, and their smallest number.

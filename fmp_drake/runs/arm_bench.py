@@ -32,9 +32,8 @@ DAMPING = (37.5, 50.0, 37.5, 25.0, 5.0, 3.75, 2.5)
 # Largest difference between a command's stamp and the wall clock, s; fastest change of a
 # torque, Nm/s; cutoff frequency of the torque's low-pass filter, Hz.
 _EXPIRY, _MAX_RATE, _CUTOFF = 0.05, 1000.0, 30.0
-# Longest delay that is made up for by steps, s; a controller does not compare statuses that
-# are farther apart.
-_REPLAYED = 0.1
+# Longest delay that is made up for by steps, s: later statuses are stale.
+_REPLAYED = 0.04
 # Damping of each joint during hand guiding, Nm s/rad.
 _GUIDED_DAMPING = 1.0
 # Steps between two samples of the normal force.
@@ -245,8 +244,12 @@ class ArmBench:
         """Return the value of state or external; at a board ink, erase_time, normal_force."""
         return self._diagram.GetOutputPort(name).Eval(self.simulator.get_context())
 
-    def step(self, wall_time: float) -> None:
-        """Advance by a millisecond, and send a status stamped with a wall time, s."""
+    def step(self, wall_time: float, *, late: float = 0.0) -> None:
+        """Advance by a millisecond, and send a status.
+
+        Its stamp is the wall time, s, at which the step was due: earlier than the present one
+        by the delay, s.
+        """
         state = self.output("state").copy()
         if self._is_guided:
             torque = -_GUIDED_DAMPING * state[JOINTS:]
@@ -265,7 +268,7 @@ class ArmBench:
             self._largest_speed = max(self._largest_speed, self._speed())
         self._ticks += 1
         self.simulator.AdvanceTo(self._ticks * PERIOD)
-        self._send(self._status(external, wall_time).encode(), wall_time)
+        self._send(self._status(external, wall_time - late).encode(), wall_time)
 
     def _follow(self, command: Any, wall_time: float) -> None:
         """Compute the torque of the motors from the last command."""
@@ -296,7 +299,7 @@ class ArmBench:
         clock = WallClock(self._channels.pace)
         with uninterrupted():
             for now, late in clock.ticks(PERIOD, duration, replayed=_REPLAYED):
-                self.step(now - late)
+                self.step(now, late=late)
 
     def metrics(self) -> dict[str, Any]:
         """Return the metrics of the arm: its commands, and at a board ink and contact."""

@@ -37,6 +37,11 @@ from fmp_drake.systems.surface.surface import place, rotation
 
 # More cells would exhaust the memory. With a shorter time step, s, a run would take forever.
 _MOST_CELLS, _SHORTEST_STEP = 4e6, 1e-5
+# Fields of Drake's types, which neither compare nor can be pickled.
+_DRAKE: dict[str, type[Any]] = {
+    "plant": MultibodyPlantConfig,
+    "simulator": SimulatorConfig,
+}
 
 
 @dataclass(kw_only=True)
@@ -124,14 +129,16 @@ class Scenario:
         """Return the values; Drake's own, which cannot be pickled, as dictionaries."""
         return vars(self) | {
             name: {key: getattr(config, key) for key in field_names(config)}
-            for name, config in (("plant", self.plant), ("simulator", self.simulator))
+            for name, kind in _DRAKE.items()
+            if isinstance(config := getattr(self, name), kind)
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the values."""
         vars(self).update(state)
-        self.plant = MultibodyPlantConfig(**state["plant"])
-        self.simulator = SimulatorConfig(**state["simulator"])
+        for name, kind in _DRAKE.items():
+            if isinstance(values := state[name], dict):
+                setattr(self, name, kind(**values))
 
     def __eq__(self, other: object) -> bool:
         """Return whether all values are equal, also Drake's own, which do not compare."""

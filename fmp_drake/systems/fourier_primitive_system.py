@@ -44,6 +44,8 @@ _PUSHED_BLEND_TIME = 0.15
 # values, in widths of the widest channel of its unit; at least up to the distance below.
 _PLAUSIBLE_WIDTHS = 10.0
 _PLAUSIBLE = {"m": 2.0, "rad": 4 * math.pi}
+# Difference of equal times, relative to them and to 1 s: Drake adds up periods.
+_SAME = 1e-12
 # Time for which the last plausible measurement is used instead of a missing one, s.
 _MEASUREMENT_EXPIRY = 0.5
 
@@ -328,7 +330,7 @@ class FourierPrimitiveSystem(LeafSystem):
         )
         # A Simulator of a cloned Context triggers an event of that time once more, and one that
         # does not begin at 0 an event of the time of initialization.
-        if begin <= last_event == time:
+        if begin <= last_event and abs(time - last_event) < _SAME * max(abs(time), 1):
             return EventStatus.DidNothing()
         before = self._read(context)
         state = player.advance(before, max(time - self._last_event(context), 0.0))

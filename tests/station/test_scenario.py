@@ -341,11 +341,11 @@ def without_board():
         ),
         (
             lambda: MakeStation(Scenario(), None, meshcat=3),
-            "meshcat is 3; its type must be Meshcat or NoneType",
+            "meshcat is 3; its type must be Meshcat or None",
         ),
         (
             lambda: MakeStation(Scenario(), None, driver="lcm"),
-            "driver is 'lcm'; its type must be Driver or NoneType",
+            "driver is 'lcm'; its type must be Driver or None",
         ),
     ],
 )

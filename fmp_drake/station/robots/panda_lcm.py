@@ -197,7 +197,7 @@ def OpenLcm(url: str) -> DrakeLcm:
     StationError
         If the bus cannot be opened; the message contains the reason.
     """
-    if url and not url.startswith(_PROVIDERS):
+    if url and not str(url).startswith(_PROVIDERS):
         raise StationError(
             f"there is no bus {url!r}; expected a URL of LCM that begins with one of "
             f"{', '.join(_PROVIDERS)}, or nothing for its default."

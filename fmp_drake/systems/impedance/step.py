@@ -78,6 +78,10 @@ STEP_TYPES = (
 )
 """Types of the arguments of `impedance_step`."""
 
+# Faults of the target, of which its frame may be the cause.
+_TARGET_FAULTS = int(
+    StatusFlag.NOT_FINITE | StatusFlag.JUMP | StatusFlag.STALE | StatusFlag.IMPLAUSIBLE
+)
 # Distance by which the tool retreats from the surface after a stop because of its force, m.
 _RETREAT = 0.02
 # Desired normal force below which the feed-forward along the normal fades in, N: a tool that is
@@ -221,7 +225,10 @@ def _next_torque(
     )
 
     if watchdog.mode == STOPPED:
-        # Else the push that caused the stop could throw the tool against the surface.
+        # Else the push that caused the stop could throw the tool against the surface. The
+        # velocity of a frame that may be the fault is not followed.
+        if flags & _TARGET_FAULTS:
+            frame_twist = np.zeros(6)
         wrench[5] -= normal_damping(config, arm_T, X_TE.p, frame_twist)
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error[:])
     error[5] += force.state.surface
