@@ -102,6 +102,9 @@ def test_an_array_becomes_a_list():
     assert felt.size == [0.1, 0.3]
     with pytest.raises(StationError, match=r"size is \[0.1\]; expected 2 numbers"):
         check_settings(Felt(size=np.array([0.1])), StationError)
+    for wrong in (np.zeros((2, 1)), [[0.1], [0.2]]):
+        with pytest.raises(StationError, match="size"):
+            check_settings(Felt(size=wrong), StationError)
 
 
 def test_yaml_of_common_size_passes_with_its_aliases():

@@ -34,10 +34,11 @@ _LEAST_SAMPLES = 4  # In the air.
 # Lifts without a force: greatest fraction of the squared steps along the tool's axis, least
 # length of its mean, initial quantile of the heights, and fraction of low samples from which
 # there are no lifts. Height of a lift, m, and relative to the extent of the movement; greatest
-# median height of the low samples, relative to it. Displacements that are as bad as a slope of
+# median height of the low samples, relative to it. Residual of a surface with lifts, relative
+# to that without. Displacements that are as bad as a slope of
 # 1, m, and as a curvature of 2/m, m; greatest slope.
 _ALONG, _COMMON, _LOWEST, _NO_LIFTS, _ROUNDS = 0.4, 0.7, 0.1, 0.9, 50
-_LOW, _LOW_OF_SIZE, _EXACT_LOW = 0.005, 0.015, 0.6
+_LOW, _LOW_OF_SIZE, _EXACT_LOW, _BETTER = 0.005, 0.015, 0.6, 1.6
 _SLOPE, _BEND, _MOST_SLOPE = 0.04, 0.0005, 0.4
 # Residual of a surface relative to another one that is as exact, and one that is exact, m.
 _AS_EXACT, _EXACT = 1.2, 3e-4
@@ -154,7 +155,7 @@ def _not_lifted(points: Array, in_bout: Mask, rotations: Rotation) -> Mask:
     distinguishes it from the surface: a tool is held about normal to it, with z along its
     axis. The heights are those above a quadric, which bounds the samples from below and
     hardly tilts. All samples are returned where the tool moves along its axis, or those
-    below are not on a surface.
+    below are not on a surface that fits better than that of all.
     """
     axes = rotations.apply([0.0, 0.0, 1.0])
     mean = axes[in_bout].mean(axis=0)
@@ -180,7 +181,20 @@ def _not_lifted(points: Array, in_bout: Mask, rotations: Rotation) -> Mask:
     is_low = heights <= low
     is_exact = np.median(np.abs(heights[is_low])) < _EXACT_LOW * low
     is_level = np.linalg.norm(quadric[1:3]) < _MOST_SLOPE
-    return is_low if is_exact and is_level and is_low.mean() < _NO_LIFTS else every
+    if not (is_exact and is_level and is_low.mean() < _NO_LIFTS):
+        return every
+    contact = in_bout.copy()
+    contact[in_bout] = is_low
+    without_lifts = _BETTER * _residual(points, contact) + _EXACT
+    return is_low if _residual(points, in_bout) > without_lifts else every
+
+
+def _residual(points: Array, touching: Mask) -> float:
+    """Return the residual of the surface that fits the contact; infinite without one."""
+    try:
+        return fit_surface([points], [touching]).residual
+    except DemonstrationError:
+        return np.inf
 
 
 def _without_offset(

@@ -14,7 +14,6 @@ from fmp_drake.numeric import Array, check_number, finite_array
 from fmp_drake.primitives import Demonstration, ReadingOptions, read_demonstrations
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
-    FORCE_COMPONENTS,
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
     listed,
@@ -34,6 +33,7 @@ from fmp_drake.skills.surface_placement import (
     BORDER,
     check_scale,
     curved_surface_remark,
+    extra_options,
     place_on_fitted_surface,
 )
 from fmp_drake.station import Scenario
@@ -49,6 +49,8 @@ _WIDTHS = (0.003, 3.0)
 _GUESSES = {"millimetres": ("mm", 1e-3), "centimetres": ("cm", 1e-2)}
 # Distance from the plane up to which a sample is on it, m.
 _TOUCH = 0.01
+# Samples that are farther from the plane than the movement and tell its side.
+_LEAST_AWAY = 4
 # Least fraction of the time on the board of an accepted placement.
 _LEAST_TOUCHING = 0.2
 # Tilt of the plane of a recording that is reported, degrees: lifted returns of strokes may have
@@ -164,6 +166,9 @@ def fit_placement(
         )
     centre, normal = _longest_plane(points)
     heights = (whole - centre) @ normal
+    # Approach and retreat tell the side, or else all samples off the plane.
+    away = np.abs(heights) > max(_TOUCH, np.abs(heights[in_bouts]).max())
+    heights = heights[away] if away.sum() >= _LEAST_AWAY else heights
     if np.sum(heights < -_TOUCH) > np.sum(heights > _TOUCH):
         normal = -normal
     x = front_axis(normal)
@@ -261,8 +266,8 @@ def load_on_board(
         fits_board = transform is not None or all(map(_is_placed, recordings))
         whole = [] if fits_board else _with_all_arrays(path, stretch, reading)
         curved = curved_surface_remark(whole, **rhythm) if whole else ""
-        options = _extra_options(whole[0]) if whole else ""
-        if options and not _extra_options(recordings[0]):
+        options = extra_options(whole[0]) if whole else ""
+        if options and not extra_options(recordings[0]):
             remarks.append(
                 f"{path.name}: to learn more of it: --surface fitted {options}"
             )
@@ -352,16 +357,6 @@ def _with_all_arrays(
         return load_as_recorded([path], stretch=stretch, reading=reading)[0]
     except (DemonstrationError, SkillFileError):
         return []
-
-
-def _extra_options(demonstration: Demonstration) -> str:
-    """Return the options that learn its orientation and force, too; "" without these."""
-    channels, extra = set(demonstration.channels), list[str]()
-    if demonstration.rotation_reference is not None:
-        extra.append("--extra orientation")
-    if FORCE_CHANNEL in channels or set(FORCE_COMPONENTS) <= channels:
-        extra.append("--extra force")
-    return " ".join(extra)
 
 
 def load_as_recorded(
@@ -513,7 +508,7 @@ def place_on_board(
         recorded, demonstration = demonstration, demonstration.select(played)
         if others := [name for name in names if name not in played]:
             needed = f"{', '.join(played[:-1])} and {played[-1]}"
-            options = _extra_options(recorded)
+            options = extra_options(recorded)
             learns = f" (--surface fitted {options} learns more)" if options else ""
             remarks.append(
                 f"{listed(others)} left out: the board needs {needed}{learns}"

@@ -52,7 +52,7 @@ class FittedSurface:
         p_DS, m.
     residuals : mapping from str to float
         Robust standard deviation of the distance from every shape that was tried, m: 1.48 times
-        its median.
+        its median; infinite where the shape does not fit from this side.
     """
 
     shape: str
@@ -93,7 +93,8 @@ class FittedSurface:
     def describe(self) -> str:
         """Return the shape and the residuals in words."""
         radius = "" if self.shape == "plane" else f" of radius {self.radius:.3f} m"
-        tried = ", ".join(f"{k} {1e3 * r:.1f}" for k, r in self.residuals.items())
+        found = {k: r for k, r in self.residuals.items() if np.isfinite(r)}
+        tried = ", ".join(f"{k} {1e3 * r:.1f}" for k, r in found.items())
         return f"{self.shape}{radius} fitted to the contact (residuals in mm: {tried})"
 
 
@@ -247,13 +248,18 @@ def _fit(points: Array, shape: str, up: Array) -> FittedSurface:
     ]
     best = min(fits, key=lambda fit: float(fit.cost))
     R = Rotation.from_rotvec(best.x[:3]).as_matrix()
-    return FittedSurface(
+    residual = float(_TO_SIGMA * np.median(np.abs(heights(best.x))))
+    fit = FittedSurface(
         shape=shape,
         radius=np.inf if shape == "plane" else 1 / best.x[4],
         rotation=up @ R.T,
         origin=centre + up @ R.T @ [0.0, 0.0, best.x[3]],
-        residuals={shape: float(_TO_SIGMA * np.median(np.abs(heights(best.x))))},
+        residuals={shape: residual},
     )
+    # The inside of a dome's far pole is no bowl.
+    local = surfaces.rotations(fit.curvature, fit.coordinates(points))
+    normal = np.mean(fit.rotation @ local, axis=0)[:, 2]
+    return fit if normal @ up[:, 2] > 0 else replace(fit, residuals={shape: np.inf})
 
 
 def _centred(

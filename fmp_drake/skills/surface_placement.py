@@ -13,6 +13,7 @@ from fmp_drake.numeric import Array, Mask, runs
 from fmp_drake.primitives import Demonstration
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
+    FORCE_COMPONENTS,
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
     listed,
@@ -195,6 +196,16 @@ def check_scale(scale: float, advice: str) -> None:
             f"{100 * _LEAST_SCALE:.0f} % is needed. Give a board {_LEAST_SCALE / scale:.1f} times "
             f"as large (board.size in a scenario). {advice}"
         )
+
+
+def extra_options(demonstration: Demonstration) -> str:
+    """Return the options that learn its orientation and force, too; "" without these."""
+    channels, extra = set(demonstration.channels), list[str]()
+    if demonstration.rotation_reference is not None:
+        extra.append("--extra orientation")
+    if FORCE_CHANNEL in channels or set(FORCE_COMPONENTS) <= channels:
+        extra.append("--extra force")
+    return " ".join(extra)
 
 
 def curved_surface_remark(

@@ -400,6 +400,22 @@ def disturbed(p, kind):
     return {"desired_position": position, "desired_velocity": velocity}
 
 
+@pytest.mark.parametrize("speed", [0.3, 4.0, 1e11])
+def test_a_stop_does_not_follow_the_velocity_of_a_frame_that_stands_still(speed):
+    X_WT = RigidTransform([0.5, 0, 0.1])
+    frame = np.array([1.0, 0, 0, 0, *X_WT.translation()])
+    signals = {
+        "task_frame": lambda _: frame,
+        "task_frame_velocity": lambda t: np.array([0, 0, 0, 0, 0, speed * (t > 0.05)]),
+    }
+    loop = ArmLoop(signals, X_WT=X_WT, log=("state", "status", "measured_position"))
+    logs = loop.run(0.6)
+    assert any(flags & StatusFlag.PROTECTIVE_STOP for flags in flags_seen(logs))
+    moved = logs["measured_position"] - logs["measured_position"][0]
+    assert np.max(np.linalg.norm(moved, axis=1)) < 0.03
+    assert np.max(np.abs(logs["state"][:, 7:])) < 1.2
+
+
 @pytest.mark.parametrize(
     ("kind", "flag"),
     [

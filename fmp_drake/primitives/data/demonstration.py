@@ -40,7 +40,8 @@ _LEAST_SAMPLES = 4
 _UNIFORM = 1e-3
 # Ratio of the step at a gap to the median step.
 _GAP = 2.5
-# Remarks on how an orientation was read.
+# Remarks on how an orientation was read, and those on angles, which may be something else.
+_ANGLES = re.compile(" read as (a rotation vector|Euler angles)| are taken for ")
 _READING = re.compile(" read as | are taken for ")
 
 
@@ -506,10 +507,16 @@ def read_demonstrations(
             order="xyzw",
         )
     for i, (path, quaternions, hint) in orientations.items():
-        with _naming(path, hint):
-            recording = add_orientation(
-                demonstrations[i], quaternions, order="xyzw", reference=reference
-            )
+        recording = demonstrations[i]
+        try:
+            with _naming(path, hint):
+                recording = add_orientation(
+                    recording, quaternions, order="xyzw", reference=reference
+                )
+        except DemonstrationError as error:
+            if not _ANGLES.search(hint):
+                raise
+            remarks.append(f"orientation left out: {error}")
         names = [c for c in recording.channels if c not in QUATERNION_CHANNELS]
         demonstrations[i] = recording.select(names)
     first = next((d for d in demonstrations if d.rotation_reference), None)

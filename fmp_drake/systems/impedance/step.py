@@ -227,9 +227,8 @@ def _next_torque(
     if watchdog.mode == STOPPED:
         # Else the push that caused the stop could throw the tool against the surface. The
         # velocity of a frame that may be the fault is not followed.
-        if flags & _TARGET_FAULTS:
-            frame_twist = np.zeros(6)
-        wrench[5] -= normal_damping(config, arm_T, X_TE.p, frame_twist)
+        followed = np.zeros(6) if flags & _TARGET_FAULTS else frame_twist
+        wrench[5] -= normal_damping(config, arm_T, X_TE.p, followed)
     error = unwrapped(task_error(X_TE, target.X), memory.rotation_error[:])
     error[5] += force.state.surface
     K, energy, stiffness_flags = next_stiffness(settings, memory, inputs, error)

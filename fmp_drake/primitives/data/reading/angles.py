@@ -52,19 +52,13 @@ def angle_units(
 ) -> dict[int, str]:
     """Return the unit of each angle without a stated one, by the index of its channel.
 
-    Rotation vectors are in rad; one in degrees, or longer than a revolution, is none, and its
-    unit is 1. Euler angles are in degrees if one is greater than a revolution, or if they
+    Rotation vectors are in rad. Euler angles are in degrees if one is greater than a revolution, or if they
     are KUKA's; other angles if one is greater than two.
     """
     names, columns = list(channels), list(channels.values())
     rotation, euler = (
         [names.index(name) for name in kind if set(kind) <= set(names)]
         for kind in (ROTATION_CHANNELS, EULER_CHANNELS)
-    )
-    doubt = _doubt_of_rotation_vector(
-        values[:, rotation],
-        [columns[i] for i in rotation],
-        [stated[i] for i in rotation],
     )
     angles = {i: u for i, u in enumerate(units) if u == "rad" and not stated[i]}
     others = [i for i in angles if i not in (*rotation, *euler)]
@@ -83,28 +77,32 @@ def angle_units(
                 f"they are {words[other]}, write so in the header or in --columns: "
                 f"{labels[0]} [{other}]"
             )
-    if doubt:
-        remarks.append(doubt)
-        angles |= dict.fromkeys(rotation, "1")
     return angles
 
 
-def _doubt_of_rotation_vector(
-    vectors: Array, columns: Sequence[Column], units: Sequence[str]
-) -> str:
-    """Return a remark on rotation vectors (N, 3) in degrees, or longer than a revolution."""
-    lengths = np.linalg.norm(vectors, axis=1)
+def without_false_rotation(
+    channels: dict[str, Column], stated: Mapping[str, str], remarks: list[str]
+) -> dict[str, Column]:
+    """Leave out a rotation vector that is in degrees, or longer than a revolution.
+
+    `stated` are the units that the file or the user gives, "" where there is none.
+    """
+    if not set(ROTATION_CHANNELS) <= set(channels):
+        return channels
+    columns = [channels[name] for name in ROTATION_CHANNELS]
+    lengths = np.linalg.norm([column.values for column in columns], axis=0)
     largest = float(np.max(lengths[np.isfinite(lengths)], initial=0.0))
-    are_degrees = any(unit in ANGLES and unit != "rad" for unit in units)
+    units = {stated[name] for name in ROTATION_CHANNELS}
+    are_degrees = bool(units & set(ANGLES) - {"rad"})
     if not are_degrees and (largest <= REVOLUTION or any(units)):
-        return ""
+        return channels
     found = "are in degrees" if are_degrees else f"reach {largest:.3g}"
-    return (
-        f"{', '.join(column.name for column in columns)} {found}, so they are not read as an "
-        "orientation: a rotation vector is in radians. For roll, pitch and yaw, R = "
-        f"Rz(yaw) Ry(pitch) Rx(roll), add {euler_option([c.source for c in columns])}; "
-        "convert other angles to quaternions"
+    remarks.append(
+        f"{', '.join(column.name for column in columns)} {found} and are left out: a rotation "
+        "vector is in radians. For roll, pitch and yaw, R = Rz(yaw) Ry(pitch) Rx(roll), add "
+        f"{euler_option([c.source for c in columns])}; convert other angles to quaternions"
     )
+    return {n: c for n, c in channels.items() if n not in ROTATION_CHANNELS}
 
 
 def continuous_angles(

@@ -21,6 +21,7 @@ from fmp_drake.primitives.data.reading.angles import (
     check_quaternions,
     continuous_angles,
     one_orientation,
+    without_false_rotation,
 )
 from fmp_drake.primitives.data.reading.clock import ordered_times, time_column
 from fmp_drake.primitives.data.reading.groups import column_groups
@@ -166,6 +167,8 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
             if not any(name in part for part in named)
         } | channels
     channels = one_orientation(channels, remarks)
+    stated = {name: _stated_unit(name, c, options) for name, c in channels.items()}
+    channels = without_false_rotation(channels, stated, remarks)
     if not channels:
         raise SkillFileError(f"there is a time column but no channel; {listed}.")
     values = np.column_stack([c.values for c in channels.values()])
@@ -212,7 +215,7 @@ def _complete_rows(
     choice = next((r for r in remarks if r.startswith(f"{SEVERAL} positions")), "")
     if count > (1 - LEAST_COMPLETE) * len(values) or (count and choice):
         # The channels that most samples have; in a tie, those with more position axes.
-        known, counts = np.unique(~is_empty, axis=0, return_counts=True)
+        known, counts = np.unique(~is_empty[~complete], axis=0, return_counts=True)
         is_axis = np.isin(list(channels), POSITION_CHANNELS)
         axes = np.count_nonzero(known & is_axis, axis=1)
         best = known[np.lexsort((axes, counts * np.any(known, axis=1), axes > 0))[-1]]
@@ -233,6 +236,15 @@ def _complete_rows(
     return complete
 
 
+def _stated_unit(name: str, column: Column, options: ReadingOptions) -> str:
+    """Return the unit of a channel that the user or the header gives, or ""."""
+    return (
+        (options.source(name)[1] if name in options.columns else "")
+        or column.header_unit
+        or (column.suffix if column.suffix in ANGLES else "")
+    )
+
+
 def _to_standard_units(
     values: Array,
     channels: Mapping[str, Column],
@@ -243,12 +255,7 @@ def _to_standard_units(
 
     The units of angles without a unit are those of `angle_units`.
     """
-    header_units = [
-        (options.source(name)[1] if name in options.columns else "")
-        or column.header_unit
-        or (column.suffix if column.suffix in ANGLES else "")
-        for name, column in channels.items()
-    ]
+    header_units = [_stated_unit(name, c, options) for name, c in channels.items()]
     sources = [
         unit or _unit(column, name, options)
         for unit, (name, column) in zip(header_units, channels.items(), strict=True)
@@ -312,8 +319,8 @@ def _channels(
         columns = [c for c in columns if c not in commanded]
         names_of_commands = ", ".join(c.name for c in commanded)
         remarks.append(f"{names_of_commands} left out: commanded, not measured")
-    elif unmeasured := [p for p in positions if _COMMANDED.fullmatch(p)]:
-        names_of_commands = ", ".join(c.name for c in positions[unmeasured[0]])
+    elif positions and all(map(_COMMANDED.fullmatch, positions)):
+        names_of_commands = ", ".join(c.name for c in next(iter(positions.values())))
         remarks.append(f"{names_of_commands} are commanded; no position is measured")
     angular = [c for c in columns if not c.unit or c.unit in ANGLES]
     rotations, angles, kuka = (
@@ -337,7 +344,11 @@ def _channels(
             (group,) = groups.values()
             for column, name in zip(group, axes, strict=False):
                 labels[column.number] = name
-    forces = [c for c in columns if _NORMAL_FORCE.fullmatch(c.key)]
+    forces = [
+        c
+        for c in columns
+        if _NORMAL_FORCE.fullmatch(c.key) and not _COMMANDED.fullmatch(c.key)
+    ]
     is_newton = [c.unit in ("", "N") for c in forces] == [True]
     if is_newton and FORCE_CHANNEL not in labels.values():
         labels[forces[0].number] = FORCE_CHANNEL
