@@ -35,8 +35,8 @@ _LEAST_SAMPLES = 4  # In the air.
 # length of its mean, initial quantile of the heights, and fraction of low samples from which
 # there are no lifts. Height of a lift, m, and relative to the extent of the movement; greatest
 # median height of the low samples, relative to it. Residual of a surface with lifts, relative
-# to that without. Displacements that are as bad as a slope of
-# 1, m, and as a curvature of 2/m, m; greatest slope.
+# to that without. Displacements that are as bad as a slope of 1, m, and as a curvature of 2/m,
+# m; greatest slope.
 _ALONG, _COMMON, _LOWEST, _NO_LIFTS, _ROUNDS = 0.4, 0.7, 0.1, 0.9, 50
 _LOW, _LOW_OF_SIZE, _EXACT_LOW, _BETTER = 0.005, 0.015, 0.6, 1.6
 _SLOPE, _BEND, _MOST_SLOPE = 0.04, 0.0005, 0.4
