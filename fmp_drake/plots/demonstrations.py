@@ -23,7 +23,6 @@ from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Rhythm
 from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import as_windows, demonstration_list
 from fmp_drake.primitives.editing.spectrum import polar
-from fmp_drake.primitives.model.phase.cycle import ONE_CYCLE
 
 _MAX_WINDOWS = 60  # More could not be distinguished.
 # Fraction of the power in the drawn harmonics, and their smallest number.
@@ -153,7 +152,7 @@ def _windows(skill: FourierMovementPrimitive, demonstrations: Demonstrations) ->
     Channels.of_skill(skill).check(recordings)
     longest = max(d.duration for d in recordings)
     is_short = round(longest * skill.rate) + 1 < skill.n_steps
-    is_one_cycle = skill.rhythm_ is not None and skill.rhythm_.cycles < ONE_CYCLE
+    is_one_cycle = skill.rhythm_ is not None and skill.rhythm_.is_one_cycle
     if is_short and skill.paths_ and (len(recordings) > 1 or is_one_cycle):
         # Recordings of one cycle each are joined, or closed, before learning.
         recordings = [

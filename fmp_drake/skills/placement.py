@@ -31,6 +31,7 @@ from fmp_drake.skills.joint_recording import (
 from fmp_drake.skills.surface_fit import front_axis
 from fmp_drake.skills.surface_placement import (
     BORDER,
+    EXTRA_CHANNELS,
     check_scale,
     curved_surface_remark,
     extra_options,
@@ -39,8 +40,6 @@ from fmp_drake.skills.surface_placement import (
 from fmp_drake.station import Scenario
 from fmp_drake.station.robots.robot import ListRobots
 
-# Channels of `EXTRA_CHANNELS`.
-_CHANNELS_OF = {"orientation": ROTATION_CHANNELS, "force": (FORCE_CHANNEL,)}
 # Planes that are tried, and samples that are enough to compare them.
 _TRIES = 1000
 _SAMPLES = 2000
@@ -394,7 +393,7 @@ def load_as_recorded(
     if stretch != 1.0:
         demonstrations = [replace(d, time=d.time * stretch) for d in demonstrations]
     if extra:
-        names = [name for e in extra for name in _CHANNELS_OF[e]]
+        names = [name for e in extra for name in EXTRA_CHANNELS[e]]
         demonstrations = [
             d.select([*POSITION_CHANNELS, *names]) for d in demonstrations
         ]

@@ -256,7 +256,7 @@ def _fit(points: Array, shape: str, up: Array) -> FittedSurface:
         origin=centre + up @ R.T @ [0.0, 0.0, best.x[3]],
         residuals={shape: residual},
     )
-    # The inside of a dome's far pole is no bowl.
+    # A dome also lies on a bowl seen from below, the far half of its sphere.
     local = surfaces.rotations(fit.curvature, fit.coordinates(points))
     normal = np.mean(fit.rotation @ local, axis=0)[:, 2]
     return fit if normal @ up[:, 2] > 0 else replace(fit, residuals={shape: np.inf})

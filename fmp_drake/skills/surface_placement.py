@@ -35,8 +35,8 @@ from fmp_drake.station import Scenario
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.systems.surface import surface as surfaces
 
-EXTRA_CHANNELS = ("orientation", "force")
-"""Names of the channels that are placed beside the position."""
+EXTRA_CHANNELS = {"orientation": ROTATION_CHANNELS, "force": (FORCE_CHANNEL,)}
+"""Channels that are placed beside the position, by the names of the options."""
 
 BORDER = 0.02
 """Free border around the eraser, m."""

@@ -171,8 +171,9 @@ class TorqueGate(LeafSystem):
 
     def _calc_reading(self, context: Any, value: Any) -> None:
         data = cast(bytes, self._status.Eval(context))
-        status = decode(lcmt_panda_status, data)
-        value.set_value(read_status(status) if data else no_status())
+        value.set_value(
+            read_status(decode(lcmt_panda_status, data)) if data else no_status()
+        )
 
     def _calc_command(self, context: Any, value: Any) -> None:
         data = b""

@@ -40,8 +40,7 @@ _LEAST_SAMPLES = 4
 _UNIFORM = 1e-3
 # Ratio of the step at a gap to the median step.
 _GAP = 2.5
-# Remarks on how an orientation was read, and those on angles, which may be something else.
-_ANGLES = re.compile(" read as (a rotation vector|Euler angles)| are taken for ")
+# Remarks on how an orientation was read.
 _READING = re.compile(" read as | are taken for ")
 
 
@@ -483,7 +482,7 @@ def read_demonstrations(
     options = options or ReadingOptions()
     demonstrations: list[Demonstration] = []
     remarks: list[str] = []
-    orientations: dict[int, tuple[Path, Array, str]] = {}
+    orientations: dict[int, tuple[Path, Array, Table]] = {}
     for path in map(Path, [paths] if isinstance(paths, str | Path) else paths):
         with _naming(path), np.errstate(all="ignore"):  # Infinite numbers are refused.
             for table in read_tables(path, options):
@@ -494,8 +493,7 @@ def read_demonstrations(
                 recording = _from_table(table)
                 if set(QUATERNION_CHANNELS) <= set(recording.channels):
                     quaternions = recording.select(QUATERNION_CHANNELS).values
-                    hint = "; ".join(r for r in table.remarks if _READING.search(r))
-                    orientations[len(demonstrations)] = path, quaternions, hint
+                    orientations[len(demonstrations)] = path, quaternions, table
                 if recording.note:
                     remarks.append(f"{path.name}: {recording.note}")
                 demonstrations.append(recording)
@@ -506,15 +504,16 @@ def read_demonstrations(
             ),
             order="xyzw",
         )
-    for i, (path, quaternions, hint) in orientations.items():
+    for i, (path, quaternions, table) in orientations.items():
         recording = demonstrations[i]
+        hint = "; ".join(r for r in table.remarks if _READING.search(r))
         try:
             with _naming(path, hint):
                 recording = add_orientation(
                     recording, quaternions, order="xyzw", reference=reference
                 )
         except DemonstrationError as error:
-            if not _ANGLES.search(hint):
+            if not table.has_angles:
                 raise
             remarks.append(f"orientation left out: {error}")
         names = [c for c in recording.channels if c not in QUATERNION_CHANNELS]

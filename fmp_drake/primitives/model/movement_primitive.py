@@ -34,7 +34,6 @@ from fmp_drake.primitives.model.phase.calibration import (
     calibrate_playback,
     calibrate_replay,
 )
-from fmp_drake.primitives.model.phase.cycle import ONE_CYCLE
 from fmp_drake.primitives.model.phase.phase_model import (
     LEAST_COMPONENTS,
     fit_phase_model,
@@ -538,7 +537,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         most = min(self._most_steps, values, longest)
         period = tracked.rhythm.period * self.rate
         nominal = min(_PERIODS * period, float(most))
-        least = _LEAST_PERIODS * period if tracked.track.cycles > ONE_CYCLE else longest
+        least = longest if tracked.rhythm.is_one_cycle else _LEAST_PERIODS * period
         return max(round(max(nominal, least)), 4 * self.overlap)
 
     def mixture_steps(self, longest: int) -> int:

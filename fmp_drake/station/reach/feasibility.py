@@ -154,7 +154,6 @@ def CheckFeasibility(
     False
     """
     check_scenario(scenario, "CheckFeasibility(scenario, skill)")
-    scenario.check()
     bounds = bounds or FollowingBounds()
     check = _Check(scenario, skill, bounds)
     feasibility = check.result()

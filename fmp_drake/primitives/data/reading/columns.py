@@ -184,7 +184,7 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     time, rows, values = time[is_placed], rows[is_placed], values[is_placed]
     complete = _complete_rows(values, channels, remarks)
     time, rows, values = time[complete], rows[complete], values[complete]
-    units = _to_standard_units(values, channels, options, remarks)
+    units = _to_standard_units(values, channels, stated, options, remarks)
     names = [*channels]
     values = continuous_angles(values, channels, names, units, remarks)
     metres = [i for i, name in enumerate(names) if name in POSITION_CHANNELS]
@@ -201,6 +201,7 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         values=np.column_stack([time, values]),
         frame=table.frame,
         remarks=tuple(remarks),
+        has_angles=bool({*names} - {*channels}),
     )
 
 
@@ -248,6 +249,7 @@ def _stated_unit(name: str, column: Column, options: ReadingOptions) -> str:
 def _to_standard_units(
     values: Array,
     channels: Mapping[str, Column],
+    stated: Mapping[str, str],
     options: ReadingOptions,
     remarks: list[str],
 ) -> list[str]:
@@ -255,7 +257,7 @@ def _to_standard_units(
 
     The units of angles without a unit are those of `angle_units`.
     """
-    header_units = [_stated_unit(name, c, options) for name, c in channels.items()]
+    header_units = [stated[name] for name in channels]
     sources = [
         unit or _unit(column, name, options)
         for unit, (name, column) in zip(header_units, channels.items(), strict=True)

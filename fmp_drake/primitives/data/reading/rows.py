@@ -22,8 +22,8 @@ def interpolated(
     """Interpolate channels of other sensors, which have rows or a rate of their own.
 
     Returns values (n, C), and a mask (n,) of the samples with a position, to be kept. Where
-    most samples are complete, or there is no position, nothing changes. Gaps are not
-    bridged.
+    most samples are complete, or there is no position, nothing changes. Nothing is interpolated
+    over gaps.
     """
     known = ~np.isnan(values)
     axes = np.isin(list(channels), POSITION_CHANNELS)

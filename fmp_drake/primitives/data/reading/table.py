@@ -72,6 +72,8 @@ class Table:
         Name of the frame of the values; "" where unknown.
     words : mapping from str to str
         First cell of each column of words, by its name.
+    has_angles : bool
+        Whether its quaternion was recorded as angles, which may be something else.
     saved : mapping, optional
         Fields of a demonstration that the package saved; such a table has no columns.
 
@@ -88,6 +90,7 @@ class Table:
     remarks: tuple[str, ...] = ()
     frame: str = ""
     words: Mapping[str, str] = field(default_factory=dict)
+    has_angles: bool = False
     saved: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:

@@ -66,7 +66,7 @@ class Loops:
             out += [
                 Part(recording=i, start=a / rate, end=b / rate, kind="pause")
                 for a, b in rests
-                if b - a > max(_SHORT * (stop - first), _FEW)
+                if _is_long(b - a, stop - first)
             ]
         return out
 
@@ -80,9 +80,7 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
     if len(recordings) < 2:
         return None
     chosen = [y[:, columns] for y in recordings]
-    size = float(np.sqrt(np.concatenate(chosen).var(axis=0).sum()))
-    steps = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in chosen]
-    step = max(float(np.median(np.concatenate(steps))), 1e-12)
+    size, step = _size_and_step(chosen)
     intervals = [
         (_end_of_rest(y, step), len(y) - _end_of_rest(y[::-1], step)) for y in chosen
     ]
@@ -129,12 +127,10 @@ def closed_cycle(recording: Array, columns: list[int]) -> tuple[Array, int, int]
         Its first sample in the recording, and the one after its last.
     """
     path = recording[:, columns]
-    size = float(np.sqrt(path.var(axis=0).sum()))
-    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    step = max(float(np.median(steps)), 1e-12)
+    size, step = _size_and_step([path])
     rests = _end_of_rest(path, step), _end_of_rest(path[::-1], step)
-    least = max(_SHORT * (len(path) - sum(rests)), _FEW)
-    first, rest = (n if n > least else 0 for n in rests)
+    moving = len(path) - sum(rests)
+    first, rest = (n if _is_long(n, moving) else 0 for n in rests)
     after = len(path) - rest
     if after - first < 2:
         return None
@@ -154,6 +150,18 @@ def closed_cycle(recording: Array, columns: list[int]) -> tuple[Array, int, int]
     line = np.linspace(values[-1], values[0], max(count, 1) + 1)[1:]
     # Without a distance, end and beginning are one sample.
     return np.concatenate([values if count else values[:-1], line]), first, after
+
+
+def _size_and_step(paths: Sequence[Array]) -> tuple[float, float]:
+    """Return the size of paths (n, D), and their median step from sample to sample."""
+    size = float(np.sqrt(np.concatenate(paths).var(axis=0).sum()))
+    steps = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in paths]
+    return size, max(float(np.median(np.concatenate(steps))), 1e-12)
+
+
+def _is_long(rest: int, moving: int) -> bool:
+    """Return whether a pause is long beside the samples of the movement."""
+    return rest > max(_SHORT * moving, _FEW)
 
 
 def _order_of_small_gaps(loops: Sequence[Array]) -> list[int]:

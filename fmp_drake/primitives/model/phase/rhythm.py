@@ -102,6 +102,11 @@ class Rhythm:
     irregular: tuple[str, ...] = ()
 
     @property
+    def is_one_cycle(self) -> bool:
+        """Whether it is one closed cycle, which is repeated."""
+        return self.cycles < ONE_CYCLE
+
+    @property
     def fraction_left_out(self) -> float:
         """Fraction of the recorded time that is left out."""
         omitted = sum(part.duration for part in self.left_out)
@@ -154,10 +159,10 @@ class Rhythm:
     def remarks(self) -> list[str]:
         """Return remarks on unusual recordings."""
         out = []
-        if self.cycles < ONE_CYCLE:
+        if self.is_one_cycle:
             out.append(
-                "it is one closed cycle, which is repeated; how cycles differ is not known "
-                "from it: record two or more"
+                "it is one closed cycle, which is repeated; record two or more to show how "
+                "cycles differ"
             )
         if self.irregular:
             out.append(

@@ -26,7 +26,7 @@ from fmp_drake.primitives.model.phase.attempt import (
     Attempt,
     Limits,
 )
-from fmp_drake.primitives.model.phase.cycle import ONE_CYCLE, Cycle
+from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.loops import closed_cycle, join_loops
 from fmp_drake.primitives.model.phase.pauses import without_pauses
 from fmp_drake.primitives.model.phase.period import (
@@ -101,7 +101,7 @@ class TrackedRhythm(NamedTuple):
 
     def describe(self) -> str:
         """Return the reason for learning it."""
-        if self.track.cycles < ONE_CYCLE:
+        if self.rhythm.is_one_cycle:
             return "one closed cycle"
         return (
             f"{self.track.cycles:.1f} cycles; one cycle with a varying tempo explains "
