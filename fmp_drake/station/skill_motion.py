@@ -389,6 +389,6 @@ def SampleSkillPaths(
     rows = [*range(windows // 2), *(windows // 2 + longest)]
     steady, deviation = steady[rows], deviation[rows]
     if player.region is not None:
-        fractions = player.region.largest_fractions(steady, deviation)
-        deviation *= fractions[:, None, None]
+        parts = player.region.largest_channel_fractions(steady, deviation)
+        deviation *= parts[:, None]
     return np.concatenate([beginnings, steady + deviation])[:, ::stride]

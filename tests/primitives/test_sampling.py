@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.ndimage import gaussian_filter1d
 
 from fmp_drake.primitives import (
     ExponentialTracker,
@@ -113,6 +114,7 @@ def test_choice_draws_samples_out_where_the_region_allows_it(skill):
 
 def test_choice_does_not_draw_out_a_force(wiping_demonstration):
     noise = np.random.default_rng(0).normal(10, 2, len(wiping_demonstration.time))
+    noise[::600] += 8  # Its range is wide enough for every sample.
     demonstration = replace(
         wiping_demonstration,
         values=np.column_stack([wiping_demonstration.values, noise]),
@@ -130,6 +132,42 @@ def test_choice_does_not_draw_out_a_force(wiping_demonstration):
     )
     assert_allclose(far[:, 3], near[:, 3], atol=1e-9)
     assert np.all(np.max(np.abs(far - near), axis=0)[:2] > 0.003)
+
+
+def force_and_angle(wiping_demonstration):
+    """Return the wiping with a force and an angle that vary slowly."""
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(len(wiping_demonstration.time), 2))
+    slow = gaussian_filter1d(noise, 8, axis=0, mode="wrap")
+    values = [10.0, 0.0] + slow / slow.std(axis=0) * [3.0, 0.2]
+    return replace(
+        wiping_demonstration,
+        values=np.column_stack([wiping_demonstration.values, values]),
+        channels=(*wiping_demonstration.channels, "force", "angle"),
+        units=(*wiping_demonstration.units, "N", "rad"),
+    )
+
+
+def test_sampled_force_and_angle_stay_in_their_range(wiping_demonstration):
+    demonstration = force_and_angle(wiping_demonstration).rows(np.arange(600))
+    skill = FourierMovementPrimitive(model="phase", n_components=40).fit(demonstration)
+    low, high = skill.extent_[:, 3:]
+    farthest, spread = {}, {}
+    for margin in ("automatic", None):
+        values = np.concatenate(
+            [
+                Player(skill, sample=True, seed=k, margin=margin).rollout(
+                    on_path(skill), 60.0
+                )[200:, 0, 3:]
+                for k in range(3)
+            ]
+        )
+        farthest[margin] = np.max(np.maximum(low - values, values - high), axis=0)
+        spread[margin] = values.std(axis=0)
+    half = (high - low) / 2
+    assert np.all(farthest["automatic"] <= 0.25 * half)
+    assert np.any(farthest[None] > 0.3 * half)
+    assert np.all(spread["automatic"] > 0.6 * spread[None])
 
 
 def test_return_of_samples_is_hardly_farther_out_than_that_of_the_mean(skill):

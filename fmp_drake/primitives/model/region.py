@@ -20,8 +20,10 @@ _LEAST, _MOST = 200, 2000
 _SLACK = 0.25
 # Fraction of the margin that is used: between two ticks a movement may be farther out.
 _FILLED = 0.96
-# Automatic margin, relative to the half width of the movement.
+# Automatic margin, and that of a channel without metres, relative to the half width.
 _AUTOMATIC = 0.2
+# Smallest bound of channels without metres, and deviations that need none (rad, N ...).
+_LEAST_RANGE, _LEAST_DEVIATION = 1e-3, 1e-12
 # Fractions of a deviation from a component's mean.
 _FRACTIONS = np.arange(8, 0, -1) / 8
 
@@ -29,9 +31,10 @@ _FRACTIONS = np.arange(8, 0, -1) / 8
 class DemonstratedRegion:
     """All points within a margin of a demonstrated path.
 
-    Only channels with the unit m are bounded. The region is in the frame of the skill
+    Distances are of the channels with the unit m. The region is in the frame of the skill
     and isotropic: a movement that was demonstrated on a surface may also leave the
-    surface by the margin.
+    surface by the margin. Each of the other channels, such as a force, may leave its
+    demonstrated range by a fifth of half its width.
 
     Parameters
     ----------
@@ -73,6 +76,10 @@ class DemonstratedRegion:
                 "without a margin."
             )
         self.margin = float(margin)
+        self._other_channels = [i for i, unit in enumerate(skill.units_) if unit != "m"]
+        low, high = skill.extent_[:, self._other_channels]
+        self._middle = (low + high) / 2
+        self._most = np.maximum((1 + _AUTOMATIC) * (high - low) / 2, _LEAST_RANGE)
         paths = [path[:, self._channels] for path in skill.paths_]
         size = float(np.linalg.norm(np.ptp(np.concatenate(paths), axis=0)))
         size = max(size, 1e-9)
@@ -85,6 +92,12 @@ class DemonstratedRegion:
         """Return the distance of values (..., D) to the nearest path, shape (...), m."""
         points = as_floats(values, "the values")[..., self._channels]
         return self._tree.query(points)[0]
+
+    def largest_ratio(self, values: Array) -> float:
+        """Return how far values (N, D) leave the region: 2 at twice the margin, at least 1."""
+        ratios = np.abs(values[:, self._other_channels] - self._middle) / self._most
+        distance = np.max(self.distance(values)) / self.margin
+        return float(np.max(ratios, initial=max(distance, 1.0)))
 
     def largest_fractions(self, steady: Array, deviations: Array) -> Array:
         """Return the largest fractions of deviations that keep a movement in the region.
@@ -121,15 +134,21 @@ class DemonstratedRegion:
         return fractions
 
     def largest_channel_fractions(
-        self, steady: Array, deviations: Array, *, others: float
+        self, steady: Array, deviations: Array, *, others: float = 1.0
     ) -> Array:
         """Return the largest parts of the deviations of each channel, shape (S, D).
 
-        They are the `largest_fractions`, of channels that are not bounded at most `others`.
+        They are the `largest_fractions`; of channels without metres at most `others`, and
+        what keeps them in their range.
         """
         fractions = self.largest_fractions(steady, deviations)[:, None]
-        parts = np.repeat(np.minimum(fractions, others), deviations.shape[2], axis=1)
-        parts[:, self._channels] = fractions
+        parts = np.repeat(fractions, deviations.shape[2], axis=1)
+        among = (..., self._other_channels)
+        change, before = deviations[among], steady[among]
+        room = self._most - (before - self._middle) * np.sign(change)
+        room = np.maximum(room, 0.0) / np.maximum(np.abs(change), _LEAST_DEVIATION)
+        bound = np.minimum(fractions, others)
+        parts[:, self._other_channels] = np.minimum(bound, room.min(axis=1))
         return parts
 
 

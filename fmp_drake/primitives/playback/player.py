@@ -430,16 +430,16 @@ class Player:
             order = np.argsort(-score(values[:count]), kind="stable")
         if region is None:
             return self._tracking(state, targets[order[0]])
-        best_state, least_distance = state, math.inf
+        best_state, least_ratio = state, math.inf
         for i in [*order[:_TRIES], *range(count, len(targets))]:
             candidate = self._tracking(state, targets[i])
-            path = self._next_mean(candidate, values[i])
+            ratio = region.largest_ratio(self._next_mean(candidate, values[i]))
             if skill.phase_model_ is not None:
-                path = np.concatenate([values[i], path])
-            distance = max(float(np.max(region.distance(path))), region.margin)
-            if distance < least_distance:
-                best_state, least_distance = candidate, distance
-            if distance <= region.margin:
+                outside = float(np.max(region.distance(values[i])))
+                ratio = max(ratio, outside / region.margin)
+            if ratio < least_ratio:
+                best_state, least_ratio = candidate, ratio
+            if ratio <= 1:
                 break
         return best_state
 
