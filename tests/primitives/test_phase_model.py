@@ -912,8 +912,8 @@ def test_prediction_is_blended_with_the_continuations_of_similar_pasts(distance,
     np.testing.assert_allclose(out[0], expected)
 
 
-def wandering(seconds, seed=4):
-    """Return a smooth path (n, 2) in which nothing repeats."""
+def wandering(seconds, seed=5):
+    """Return a smooth path (n, 2) in which nothing repeats; 60 s of it do not close."""
     noise = np.random.default_rng(seed).standard_normal((int(20 * seconds) + 200, 2))
     kernel = np.exp(-0.5 * (np.arange(-40, 41) / 10) ** 2)
     path = np.stack([np.convolve(x, kernel, "valid") for x in noise.T], axis=1)

@@ -738,6 +738,48 @@ def test_an_open_recording_is_no_closed_cycle():
             find_rhythm(demonstration(spiral))
 
 
+def raster(strokes, seconds, laps=1):
+    """Return laps (n, 2), m, of parallel strokes and the way back; tempo and place vary."""
+    rng = np.random.default_rng(strokes)
+    x = np.repeat(np.linspace(0.0, 0.3, strokes), 2)
+    y = np.tile([0.0, 0.2, 0.2, 0.0], strokes)[: 2 * strokes]
+    corners = np.column_stack([x, y])[np.r_[: 2 * strokes, 0]]
+    length = np.r_[0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))]
+    paths = []
+    for _ in range(laps):
+        count = int(seconds * rng.uniform(0.93, 1.07) * RATE)
+        places = length[-1] * np.arange(count) / count
+        path = np.column_stack([np.interp(places, length, c) for c in corners.T])
+        paths.append(path + rng.normal(0, 0.002, 2))
+    return gaussian_filter1d(np.concatenate(paths), 3.0, axis=0)
+
+
+@pytest.mark.parametrize("strokes", [5, 8])
+@pytest.mark.parametrize("seconds", [15, 30, 50])
+def test_slow_laps_are_found_and_played(strokes, seconds):
+    path = raster(strokes, seconds, laps=2)
+    found = find_rhythm(demonstration(path))
+    assert found.cycles == pytest.approx(2, abs=0.1)
+    assert found.period == pytest.approx(len(path) / RATE / 2, rel=0.08)
+    skill = FourierMovementPrimitive().fit(demonstration(path))
+    assert skill.window <= 12.0
+    played = Player(skill).rollout(path[0], 2.0 * seconds).position
+    gaps = np.linalg.norm(path[::5, None] - played, axis=2).min(axis=1)
+    assert gaps.max() < 0.02
+
+
+def test_one_lap_of_strokes_beside_one_another_is_one_cycle():
+    for strokes, seconds in ((8, 30), (8, 45), (11, 15)):
+        path = raster(strokes, seconds)
+        found = find_rhythm(demonstration(path))
+        assert found.is_one_cycle
+        assert found.period == pytest.approx(len(path) / RATE, rel=0.02)
+    # It does not return, so its strokes are the cycles.
+    there = path[: round(0.85 * len(path))]
+    with pytest.raises(DemonstrationError, match="centre of its cycles wanders"):
+        find_rhythm(demonstration(there))
+
+
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_one_real_cycle_is_repeated_and_predicts_the_others(
     number, real_demonstration_paths

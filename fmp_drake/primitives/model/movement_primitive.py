@@ -48,6 +48,9 @@ ModelChoice = Literal["mixture", "phase", "automatic"]
 # window up to that size, and their least number.
 _DEFAULT_STEPS, _DEFAULT_WINDOW = 120, 6.0
 _PERIODS, _LEAST_PERIODS = 3.2, 1.2
+# Shortest window (s) that is played smoothly: of real movements, shorter ones have two to four
+# times the acceleration.
+_SMOOTH_WINDOW = 1.2
 
 # Values in a window of a phase model: 80 dense covariances of 1500 take 2.5 GB.
 _MOST_VALUES = 1500
@@ -334,11 +337,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
                 f"; the window is {self.window:g} s instead of {given_steps / self.rate:g} s, "
                 "because no bout lasts that long"
             )
-        elif self.n_steps < tracked.rhythm.period * self.rate:
-            self.model_reason_ += (
-                f"; the window of {self.window:g} s is shorter than a cycle of "
-                f"{tracked.rhythm.period:.3g} s, which it represents badly: choose a longer one"
-            )
+        elif self.window < _SMOOTH_WINDOW:
+            self.model_reason_ += f"; windows shorter than {_SMOOTH_WINDOW:g} s are played with high accelerations"
         count = self.n_components
         self.phase_model_, self.components_, self.calibration_ = fit_phase_model(
             tracked.track,
@@ -538,6 +538,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         period = tracked.rhythm.period * self.rate
         nominal = min(_PERIODS * period, float(most))
         least = longest if tracked.rhythm.is_one_cycle else _LEAST_PERIODS * period
+        # Part of a long cycle suffices.
+        least = min(least, values, 2 * self._most_steps)
         return max(round(max(nominal, least)), 4 * self.overlap)
 
     def mixture_steps(self, longest: int) -> int:

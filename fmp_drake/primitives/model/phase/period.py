@@ -19,7 +19,7 @@ SIMILAR = 0.55
 # Variance of a segment, relative to the recording, below which it is at rest.
 _LEAST_ENERGY = 0.02
 # Range of lags, samples, and their relative step.
-_SHORTEST_LAG, _LONGEST_LAG, _LAG_STEP = 8, 800, 0.02
+_SHORTEST_LAG, _LONGEST_LAG, _LAG_STEP = 8, 1200, 0.02
 # Fraction of the spectrum below the cutoff of the filter before resampling.
 _BAND = 0.8
 # Score of a candidate relative to the best.

@@ -23,6 +23,7 @@ from fmp_drake.primitives.model.phase.attempt import (
     LENIENT,
     SHORTEST_BOUT,
     STRICT,
+    WANDERING,
     Attempt,
     Limits,
 )
@@ -109,8 +110,8 @@ class TrackedRhythm(NamedTuple):
         )
 
 
-class _NothingRepeatsError(DemonstrationError):
-    """No part of the recordings recurs in another cycle."""
+class _NoSteadyCycleError(DemonstrationError):
+    """No part of the recordings recurs in another cycle, or only beside it."""
 
 
 _Found = tuple[TrackedRhythm, list[Part]]
@@ -262,11 +263,15 @@ def _search_or_join(
     except DemonstrationError as error:
         found = _search_without_pauses(recordings, columns, rate, period)
         found = found or _search_joined(recordings, columns, rate, period)
-        if found is None and isinstance(error, _NothingRepeatsError):
+        if found is None and isinstance(error, _NoSteadyCycleError):
             found = _one_cycle(recordings, columns, rate, period)
         if found is None:
             raise
         return found
+    if tracked.track.shifted > WANDERING:
+        found = _one_cycle(recordings, columns, rate, period)
+        if found:
+            return found
     if tracked.misfit:
         found = _search_without_pauses(recordings, columns, rate, period)
         if found and _is_better(found[0], tracked):
@@ -378,12 +383,12 @@ def _best_attempt(
         limits = ALIGNED if is_known else LENIENT
         acceptable = [a for a in attempts if not a.objection(limits)]
     if not acceptable:
-        refusals = [
-            a.objection(limits) for a in attempts if a.track.cycles >= limits.cycles
-        ]
-        if refusals:
-            raise DemonstrationError(refusals[0])
-        raise _NothingRepeatsError(
+        refused = [a for a in attempts if a.track.cycles >= limits.cycles]
+        if refused:
+            is_steady = all(a.track.shifted <= WANDERING for a in refused)
+            kind = DemonstrationError if is_steady else _NoSteadyCycleError
+            raise kind(refused[0].objection(limits))
+        raise _NoSteadyCycleError(
             "no part of it recurs in another cycle; record at least two full cycles"
             f"{' without gaps, in one recording' * (len(recordings) > 1)}."
         )

@@ -18,7 +18,7 @@ _LEAST_GAIN, _MOST_SPEED = -5.0, 2.0
 # Lag relative to half the interval of a difference quotient.
 _LAGS_PER_STEP = 24
 # Bounds of the lag, samples, and the least number of cycles in a recording.
-_SHORTEST_LAG, _LONGEST_LAG, _LEAST_CYCLES = 8, 800, 1.25
+_SHORTEST_LAG, _LONGEST_LAG, _LEAST_CYCLES = 8, 1200, 1.25
 # Most pairs of samples that are compared; they take a gigabyte.
 _MOST_PAIRS = 1.2e8
 # Greatest ratio of lags of one period.

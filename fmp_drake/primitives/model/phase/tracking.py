@@ -19,10 +19,11 @@ from fmp_drake.primitives.model.phase.cycle import (
 
 Recordings = Sequence[Array]
 
-# Phases per sample of a nominal period, bounds of their number, and the greatest increment
-# relative to the nominal one.
-_STATES_PER_SAMPLE = 4
-_STATES = (80, 400)
+# Phases per sample of a nominal period, and bounds of their number. Long periods have fewer for
+# each sample; with one or less, no increment is near the nominal one.
+_STATES_PER_SAMPLE, _STATES = 4, (80, 400)
+_LEAST_PER_SAMPLE, _MOST_STATES = 2, 2400
+# Greatest increment relative to the nominal one.
 FASTEST = 2.2
 # Standard deviation of the phase velocity, relative to the nominal one, and of the values
 # beside the cycle, relative to their own standard deviation.
@@ -243,7 +244,8 @@ def phase_path(
 
 def phase_states(period: float) -> Array:
     """Return the phases that dynamic programming compares, rad, for a period in samples."""
-    count = int(np.clip(_STATES_PER_SAMPLE * period, *_STATES))
+    count = np.clip(_STATES_PER_SAMPLE * period, *_STATES)
+    count = int(max(count, min(_LEAST_PER_SAMPLE * period, _MOST_STATES)))
     return 2 * np.pi * np.arange(count) / count
 
 
