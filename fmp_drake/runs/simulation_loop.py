@@ -18,6 +18,8 @@ from fmp_drake.systems import PagePanel
 # polls during a pause.
 _STEP = 100
 _POLL = 0.02
+# Largest lag behind the clock for which a simulation catches up, s.
+_MAX_LAG = 0.5
 
 
 class RunButtons:
@@ -130,6 +132,8 @@ def advance(
             buttons = stack.enter_context(RunButtons(meshcat, panel))
         context = simulator.get_context()
         simulator.Initialize()
+        rate = simulator.get_target_realtime_rate()
+        ahead = time.monotonic() * rate - context.get_time()
         while context.get_time() < until or (
             keep_running is not None and keep_running()
         ):
@@ -146,6 +150,10 @@ def advance(
                     # Otherwise Drake would run faster to compensate for the pause.
                     simulator.ResetStatistics()
                     continue
+            # Nor does it compensate for a compilation or a machine that stood still.
+            if (now := time.monotonic() * rate - context.get_time()) - ahead > _MAX_LAG:
+                simulator.ResetStatistics()
+                ahead = now
             count = floor(context.get_time() / (_STEP * MILLISECOND) + 1e-6)
             end = _STEP * (count + 1) * MILLISECOND
             if context.get_time() < until:

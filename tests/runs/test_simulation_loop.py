@@ -145,6 +145,15 @@ def test_a_run_does_not_catch_up_after_a_pause(clicks):
     assert time.monotonic() - start > 0.9
 
 
+def test_a_run_does_not_catch_up_after_a_compilation():
+    simulator, _ = make({0.05: lambda: time.sleep(1.0)})
+    simulator.set_target_realtime_rate(1.0)
+    start = time.monotonic()
+    run(simulator, 0.5)
+    # 1.0 s, and 0.4 s.
+    assert time.monotonic() - start > 1.3
+
+
 def test_the_buttons_are_there_while_the_run_is(clicks):
     simulator, _ = make()
     run(simulator, 0.5, meshcat=clicks)
