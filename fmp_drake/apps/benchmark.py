@@ -52,7 +52,7 @@ def benchmark(folder: Path, to: BenchmarkOptions) -> None:
     installed package adds a method by an entry point of the group fmp_drake.methods.
     """
     console = make_console()
-    if not folder.is_dir():
+    if to.clean is None and not folder.is_dir():
         raise FmpError(f"there is no folder {folder}.")
     make_folder(to.out)
     if to.clean is None:

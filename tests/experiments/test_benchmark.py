@@ -618,6 +618,26 @@ def test_methods_are_compared_over_the_places_that_both_learned_from():
     assert tables["benchmark_movements"][1] == ["a", "3.0 [2]", "9.3", "2.8"]
 
 
+def test_lines_of_many_methods_differ_in_more_than_the_dashes():
+    rows = [{"movement": "a", "cycles": "all", "place": 0, "error_mm": 1.0}]
+    names = [ReplayMethod.name, *(f"method {i}" for i in range(1, 14))]
+    scores = {name: MethodScores(method=name, predictions=rows) for name in names}
+    error, *_ = benchmark_findings(scores)
+    lines = error.figure.axes[0].lines[: len(names)]
+    assert len({(line.get_color(), line.get_marker()) for line in lines}) == len(names)
+
+
+def test_cleaning_needs_no_folder_of_recordings(tmp_path, monkeypatch, refused):
+    def clean(path, *_, **__):
+        raise ExperimentError(f"cleaned with {path.name}")
+
+    monkeypatch.setattr("fmp_drake.apps.benchmark.run_cleaning", clean)
+    out = ("--out", tmp_path / "out")
+    assert "there is no folder" in refused("benchmark", "nothing", *out)
+    said = refused("benchmark", "nothing", "--clean", "a.csv", *out)
+    assert "cleaned with a.csv" in said
+
+
 def test_report_counts_runs_that_never_clean_the_board(tmp_path):
     run = {
         "movement": "wiping",

@@ -38,6 +38,12 @@ def test_trial_depends_on_text_seed_and_number_only():
     assert drawn(1) == trials[:1]
 
 
+def test_empty_text_is_no_specification():
+    with pytest.raises(FmpError, match="distributions have the keys"):
+        TrialSpec("# nothing\n")
+    TrialSpec("{}")
+
+
 def test_scenario_has_the_drawn_values_and_those_of_its_base():
     values = set()
     for trial in drawn():

@@ -800,6 +800,17 @@ def test_parameter_over_decades_has_several_ticks():
     assert shown == ["0.03", "0.1", "0.3"]
 
 
+def test_picture_of_equal_trials_does_not_ask_for_more_of_them():
+    figure = draw_success({"press.force": [5.0] * 40}, [True] * 40)
+    (text,) = figure.texts
+    assert text.get_text() == "No parameter differs between these trials."
+
+
+def test_picture_of_the_force_ends_at_all_of_the_time():
+    _, press = draw_figures({"without": [(0.2, 0.99)], "with": []}).axes
+    assert press.get_xlim()[1] < 101
+
+
 def test_interval_of_no_trials_is_everything():
     assert interval(0, 0) == (0.0, 1.0)
     low, high = interval(9, 9)

@@ -451,7 +451,8 @@ def _draw_lines(
                 group = groups[columns[i]]
                 ax.plot([i] * len(group), group, "_", color=SAMPLED, alpha=0.5)
         else:
-            style = {**series_style(number), "linewidth": 1.1, "marker": "."}
+            # Ten colours repeat.
+            style = {**series_style(number), "lw": 1.1, "marker": ".x"[number > 9]}
         if positions:
             means = [mean(groups[columns[i]]) for i in positions]
             ax.plot(positions, means, label=name, **style)

@@ -162,7 +162,7 @@ class TrialSpec:
     def __init__(self, text: str, *, folder: Path = Path()) -> None:
         self.text = text
         self.folder = folder
-        content = _read_yaml(text) or {}
+        content = _read_yaml(text)
         keys = content if isinstance(content, dict) else [content]
         if not isinstance(content, dict) or not set(content) <= set(_KEYS):
             raise ExperimentError(
@@ -212,7 +212,7 @@ class TrialSpec:
             raise ExperimentError(f"{file} is not text: {error}.") from None
         if robot is not None:
             name = str(Path(robot).resolve()) if Path(robot).is_file() else robot
-            content = _read_yaml(text) or {}
+            content = _read_yaml(text)
             if isinstance(content, dict):  # Workers read this text.
                 text = yaml.dump(content | {"robot": name}, sort_keys=False)
         return cls(text, folder=file.parent)
@@ -304,7 +304,9 @@ class TrialSpec:
                 return extremes[i % len(extremes)]
 
             trial = self._make(0, extreme)
-            scenario = ParseScenario(trial.scenario, name="a scenario at its extremes")
+            scenario = ParseScenario(
+                trial.scenario, name="an extreme of the specification"
+            )
             if not scenario.skill.file:
                 default_demonstration(scenario.skill.demonstration)
 

@@ -266,7 +266,9 @@ class TrialsReport:
         return Finding(
             name="worst",
             title="The worst trials",
-            shows=f"{len(self._failed)} failed; the {len(rows)} worst are shown.",
+            shows=f"{len(self._failed)} failed; the worst {len(rows)} are shown."
+            if rows
+            else "None failed.",
             table=[["trial", "faults", "scenario", "replay"], *rows] if rows else None,
         )
 
@@ -350,8 +352,8 @@ def draw_success(
     """Draw the success rate against each parameter, with 95 % intervals.
 
     Numbers are in bins of equal counts, with a tick for every failed trial. A parameter
-    with the same value in all trials is left out. For fewer than 16 trials the picture is
-    a sentence that says so.
+    with the same value in all trials is left out. For fewer than 16 trials, or where no
+    parameter is left, the picture is a sentence that says so.
 
     Parameters
     ----------
@@ -370,6 +372,8 @@ def draw_success(
         text = (
             f"{len(passed)} trials are too few to show the influence of a parameter; "
             f"run at least {_LEAST_TRIALS}."
+            if parameters
+            else "No parameter differs between these trials."
         )
         figure.text(0.01, 0.4, text)
         return figure
@@ -455,6 +459,7 @@ def draw_figures(groups: Mapping[str, Sequence[Sequence[float]]]) -> Figure:
     label_decades(path_axes.xaxis, (1.0, 2.0, 5.0))
     low, high = path_axes.get_xlim()
     path_axes.set_xlim(min(10, low), max(200, 1.1 * high))
+    force_axes.set_xlim(min(90, force_axes.get_xlim()[0]), 100.5)
     path_axes.set_xlabel("rms distance from the path (% of the tolerance)")
     path_axes.set_ylabel("trials at least as good (%)")
     force_axes.set_xlabel("time in contact within 5 N of the desired force (%)")
