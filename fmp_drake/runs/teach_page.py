@@ -135,7 +135,7 @@ class TeachPage:
             fields["legend"] = describe_page(scenario)["legend"]
             fields["progress"] = None
         if busy:
-            fields |= {"mode": busy, "level": "busy"}
+            fields |= {"mode": busy, "level": "busy", "detail": "", "progress": None}
             fields["buttons"] = {n: {**buttons[n], "enabled": False} for n in names}
         self._panel.show(**fields)
 

@@ -75,6 +75,7 @@ def test_no_button_can_be_pressed_during_an_action():
     page = TeachPage(panel, scenario)
     page.show(session, busy="learn ...")
     assert panel.shown["mode"] == "learn ..."
+    assert (panel.shown["detail"], panel.shown["progress"]) == ("", None)
     buttons = panel.shown["buttons"]
     assert set(buttons) == set(session.buttons)
     assert not any(look["enabled"] for look in buttons.values())
