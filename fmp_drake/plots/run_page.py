@@ -153,6 +153,10 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
     times = run.log_times("cleaned_fraction")
     board, demonstrated = 100 * run.log("cleaned_fraction")[:, 0], run.cleaned_by(times)
     ax.plot(times, board, color=DEMONSTRATED, linewidth=1.2, label="whole board")
+    ax.set_ylim(0, 105)
+    if demonstrated[0] == 1:
+        set_title(ax, "clean: the demonstrated paths touch no ink")
+        return
     style: dict[str, Any] = {"color": SAMPLED, "linewidth": 1.6}
     ax.plot(times, 100 * demonstrated, label="demonstrated area", **style)
     for fraction in _MILESTONES:
@@ -170,7 +174,6 @@ def _draw_cleaned(ax: Axes, run: "WipingRun") -> None:
             fontsize="small",
             color=SAMPLED,
         )
-    ax.set_ylim(0, 105)
     final = f"{100 * demonstrated[-1]:.1f} % of the demonstrated area at the end"
     set_title(ax, f"clean: {final}")
 

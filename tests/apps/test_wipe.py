@@ -49,6 +49,22 @@ def timeless(metrics):
     return {key: value for key, value in metrics.items() if key not in CLOCKS}
 
 
+def test_movement_above_the_board_cleans_nothing(command, outputs, monkeypatch):
+    figures = []
+    monkeypatch.setattr(
+        "fmp_drake.plots.run_page.save", lambda figure, _: figures.append(figure)
+    )
+    plot = ("--plot", outputs / "run.png")
+    above = ("--transform", 0, 0, 0.2, 0, 0, 0)
+    result = command("wipe", "--headless", "--duration", 0.5, *above, *plot)
+    text = " ".join(result.out.split())
+    assert "It never comes nearer to the board than 50 mm." in text
+    assert "cleaned 0.0 % of the board; the demonstrated paths touch no ink" in text
+    assert "time to clean" not in text
+    titles = [ax.get_title(loc="left") for ax in figures[0].axes]
+    assert "clean: the demonstrated paths touch no ink" in titles
+
+
 def test_three_seconds_write_report_picture_and_page(command, outputs):
     report, plot, html = (outputs / n for n in ("report.json", "run.png", "run.html"))
     result = command(

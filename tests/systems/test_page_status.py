@@ -29,9 +29,9 @@ def panel():
     panel.close()
 
 
-def make_simulator(panel, forgotten=None, **inputs):
+def make_simulator(panel, forgotten=None, area=(True, True, True, False), **inputs):
     builder = DiagramBuilder()
-    shown = builder.AddSystem(PageStatus(panel, area=[True, True, True, False]))
+    shown = builder.AddSystem(PageStatus(panel, area=area))
     for name, value in {**INPUTS, **inputs}.items():
         if name != forgotten:
             source = builder.AddSystem(ConstantVectorSource(np.array(value)))
@@ -54,6 +54,11 @@ def test_panel_shows_time_force_component_and_cleaned_fraction(panel):
     assert (shown["time"], shown["force"], shown["mode"]) == (0.0, 9.0, "wiping")
     assert shown["cleaned"] == pytest.approx(2 / 3)
     assert shown["component"] == "mean of component 3"
+
+
+def test_an_area_without_cells_has_no_cleaned_fraction(panel):
+    make_simulator(panel, area=[False] * 4).AdvanceTo(0.03)
+    assert "cleaned" not in panel.shown
 
 
 @pytest.mark.parametrize(

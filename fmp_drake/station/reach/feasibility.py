@@ -262,6 +262,9 @@ class _Check:
             f"to {100 * speed:.0f} % of the speed limits{braked} and {100 * torque:.0f} % of "
             "the torque limits."
         )
+        if scenario.has_board and not np.any(reach.pressed(self._paths, 1)):
+            lowest = 1e3 * np.min(self._paths[..., 2])
+            verdict += f" It never comes nearer to the board than {lowest:.0f} mm."
         if self._faults:
             verdict = f"The arm cannot follow this skill: {'; '.join(self._faults)}."
         return Feasibility(

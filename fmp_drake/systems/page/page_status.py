@@ -95,7 +95,8 @@ class PageStatus(LeafSystem):
             force = float(values["normal_force"][0])
             desired = float(values["desired_normal_force"][0])
             fields["force"], fields["desired_force"] = max(force, 0.0), desired
-            fields["cleaned"] = cleaned_fraction(values["ink"], self._area)
+            if np.any(self._area):
+                fields["cleaned"] = cleaned_fraction(values["ink"], self._area)
         fault = int(values["last_fault"][0])
         level, mode, detail = mode_in_words(flags, fault, force, desired=desired)
         fields |= {
