@@ -478,6 +478,15 @@ def npz_of_matrices(folder):
     return Written(folder / "d.npz")
 
 
+def npz_of_matrices_without_the_last_row(folder):
+    np.savez(folder / "d.npz", time=TIME, pose=matrices()[:, :3])
+    return Written(folder / "d.npz")
+
+
+def table_of_matrices_without_a_header(folder):
+    return write(folder, lines(TIME, *matrices()[:, :3].reshape(-1, 12).T))
+
+
 def npz_of_poses(folder):
     np.savez(folder / "d.npz", time=TIME, pose=np.hstack([PATH, QUATERNIONS]))
     return Written(folder / "d.npz")
@@ -676,6 +685,9 @@ def bag(path, topics, ros=2, storage=None, late=0, slowness=1):
                 receipt = int(STAMPS[0] + slowness * (STAMPS[k] - STAMPS[0])) + late
                 writer.write(connection, receipt, raw(message(k), kind))
     return path
+
+
+FORCE = np.column_stack([np.sin(TIME), 2 * np.cos(TIME), -5 - TIME])
 
 
 def ros1_poses(folder):

@@ -143,6 +143,8 @@ POSES = (
     files.libfranka_desired_too,
     files.rostopic_of_franka,
     files.npz_of_matrices,
+    files.npz_of_matrices_without_the_last_row,
+    files.table_of_matrices_without_a_header,
     files.npz_of_poses,
     files.tum_without_header,
     files.poses_behind_stamps_without_names,

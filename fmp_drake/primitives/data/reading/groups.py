@@ -18,7 +18,9 @@ _POSITIONS = re.compile(r"(.*_)?(p|pos|positions?|translations?|points?|xyz)")
 _QUATERNIONS = re.compile(r"(.*_)?(q|quats?|quaternions?|orientations?|rot|rotations?)")
 _JOINTS = re.compile(r"(.*_)?(q|qpos|joints?|joint_positions?|theta|angles?)")
 # Force and torque. Universal Robots: a position and a rotation vector. ROS: joint states.
-_WRENCH = re.compile(r"(.*?)_?(force|wrench|ft|f_ext_hat_k)")
+_WRENCH = re.compile(
+    r"(.*?)_?(force_torque|force|wrench|ft|(?<![a-z0-9])f|f_ext_hat_k)(?:_raw)?"
+)
 _CARTESIAN = re.compile(r"(.*_)?(cart|cartesian|ee|eef|tcp|tool|flange|pose)_")
 _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
 # LeRobot: a pose, and a gripper or forces.
@@ -49,7 +51,8 @@ def column_groups(
 ) -> Iterator[Group]:
     """Yield the groups among the columns of a table.
 
-    The last row of a 4 x 4 matrix shows whether it is stored by rows or by columns.
+    The last row of a 4 x 4 matrix shows whether it is stored by rows or by columns. 3 x 4
+    matrices, without that row, are stored by rows.
 
     Parameters
     ----------
@@ -66,7 +69,7 @@ def column_groups(
             numbered.setdefault(match[1], {}).setdefault(int(match[2]), i)
     if not any(keys):  # A table of poses without a header.
         count = len(keys)
-        width = next((n for n in (7, 16) if 0 <= count - n <= 2), 0)
+        width = next((n for n in (7, 12, 16) if 0 <= count - n <= 2), 0)
         numbered = {"": {n: count - width + n for n in range(width)}}
     for prefix, members in numbered.items():
         count, numbers = len(members), sorted(members)
@@ -184,6 +187,9 @@ def _recognise(
     if count == 7 and not _JOINTS.fullmatch(prefix) and _is_unit(values[:, 3:], _EXACT):
         numbers = np.hstack([values[:, :3], values[:, 3:][:, order]])
         return pose, [""] * 7, numbers, True
+    if count == 12:
+        last = np.tile([0.0, 0.0, 0.0, 1.0], (len(values), 1))
+        values, count = np.hstack([values, last]), 16
     if count == 16 and (poses := _matrix_poses(values)) is not None:
         return pose, units, poses, False
     return None
@@ -203,6 +209,7 @@ def _matrix_poses(values: Array) -> Array | None:
         X = np.swapaxes(X, 1, 2)
     R = X[:, :3, :3]
     is_rigid = np.allclose(R @ np.swapaxes(R, 1, 2), np.eye(3), atol=1e-2)
+    is_rigid &= bool(np.all(np.linalg.det(R) > 0))  # No reflection.
     if not is_rigid or not np.allclose(X[:, 3], [0, 0, 0, 1]):
         return None
     out = np.hstack([X[:, :3, 3], Rotation.from_matrix(R).as_quat()])
