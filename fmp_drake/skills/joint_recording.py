@@ -11,7 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, add_orientation
-from fmp_drake.primitives.data.channels import POSITION_CHANNELS, ROTATION_CHANNELS
+from fmp_drake.primitives.data.channels import (
+    FORCE_CHANNEL,
+    FORCE_COMPONENTS,
+    POSITION_CHANNELS,
+    ROTATION_CHANNELS,
+)
 from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.primitives.data.reading.columns import JOINT, NO_MEASURED_ANGLES
 from fmp_drake.primitives.data.reading.table import columns_option
@@ -179,8 +184,8 @@ def EraserPath(
     Returns
     -------
     Demonstration
-        x, y and z of the eraser's tip in the frame of the robot's base, m; its orientation
-        rx, ry and rz, rad, if requested.
+        x, y and z of the eraser's tip in the frame of the robot's base, m. If requested, its
+        orientation rx, ry and rz, rad, and recorded forces, unchanged.
 
     Raises
     ------
@@ -238,6 +243,15 @@ def EraserPath(
     )
     if not with_orientation:
         return path
+    names = (*FORCE_COMPONENTS, FORCE_CHANNEL)
+    if forces := [name for name in names if name in demonstration.channels]:
+        force = demonstration.select(forces)
+        path = replace(
+            path,
+            values=np.hstack([path.values, force.values]),
+            channels=(*path.channels, *force.channels),
+            units=(*path.units, *force.units),
+        )
     return add_orientation(
         path, Rotation.from_matrix([X_WE.rotation().matrix() for X_WE in poses])
     )

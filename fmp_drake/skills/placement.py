@@ -31,11 +31,11 @@ from fmp_drake.skills.joint_recording import (
 from fmp_drake.skills.surface_fit import front_axis
 from fmp_drake.skills.surface_placement import (
     BORDER,
-    EXTRA_CHANNELS,
     check_scale,
     curved_surface_remark,
     extra_options,
     place_on_fitted_surface,
+    with_extra,
 )
 from fmp_drake.station import Scenario
 from fmp_drake.station.robots.robot import ListRobots
@@ -393,10 +393,7 @@ def load_as_recorded(
     if stretch != 1.0:
         demonstrations = [replace(d, time=d.time * stretch) for d in demonstrations]
     if extra:
-        names = [name for e in extra for name in EXTRA_CHANNELS[e]]
-        demonstrations = [
-            d.select([*POSITION_CHANNELS, *names]) for d in demonstrations
-        ]
+        demonstrations = [with_extra(d, extra) for d in demonstrations]
     return demonstrations, remarks
 
 

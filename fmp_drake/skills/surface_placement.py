@@ -35,8 +35,11 @@ from fmp_drake.station import Scenario
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.systems.surface import surface as surfaces
 
-EXTRA_CHANNELS = {"orientation": ROTATION_CHANNELS, "force": (FORCE_CHANNEL,)}
-"""Channels that are placed beside the position, by the names of the options."""
+EXTRA_CHANNELS = {
+    "orientation": (ROTATION_CHANNELS,),
+    "force": ((FORCE_CHANNEL,), FORCE_COMPONENTS),
+}
+"""Channels that are placed beside the position, by the names of the options: alternatives."""
 
 BORDER = 0.02
 """Free border around the eraser, m."""
@@ -200,12 +203,40 @@ def check_scale(scale: float, advice: str) -> None:
 
 def extra_options(demonstration: Demonstration) -> str:
     """Return the options that learn its orientation and force, too; "" without these."""
-    channels, extra = set(demonstration.channels), list[str]()
-    if demonstration.rotation_reference is not None:
-        extra.append("--extra orientation")
-    if FORCE_CHANNEL in channels or set(FORCE_COMPONENTS) <= channels:
-        extra.append("--extra force")
-    return " ".join(extra)
+    return " ".join(
+        f"--extra {name}" for name in EXTRA_CHANNELS if _extra(demonstration, name)
+    )
+
+
+def with_extra(demonstration: Demonstration, extra: Sequence[str]) -> Demonstration:
+    """Return only the position of a recording and the channels of `extra`, as recorded.
+
+    Raises
+    ------
+    DemonstrationError
+        Where there are none.
+    """
+    names = [*POSITION_CHANNELS]
+    if not set(names) <= set(demonstration.channels):
+        raise DemonstrationError(
+            f"the channels are {listed(demonstration.channels)}; --extra adds to x, y and z, "
+            "which are not among them. Leave it out to learn all channels."
+        )
+    for name in extra:
+        if not (found := _extra(demonstration, name)):
+            needed = ", or ".join(map(", ".join, EXTRA_CHANNELS[name]))
+            raise DemonstrationError(
+                f"the channels are {listed(demonstration.channels)}; --extra {name} needs "
+                f"{needed}: name their columns with --columns, or leave out the option."
+            )
+        names += found
+    return demonstration.select(names)
+
+
+def _extra(demonstration: Demonstration, name: str) -> tuple[str, ...]:
+    """Return the channels of one of `EXTRA_CHANNELS` in a recording, if there are any."""
+    channels = set(demonstration.channels)
+    return next((kind for kind in EXTRA_CHANNELS[name] if set(kind) <= channels), ())
 
 
 def curved_surface_remark(

@@ -114,7 +114,13 @@ def test_the_recording_is_not_replaced_by_its_skill(refused, make_npz):
 def test_a_recording_that_is_learned_as_it_is_is_not_placed(refused, make_npz, outputs):
     call = ("learn", make_npz(), "--out", outputs / "skill.npz", "--as-recorded")
     assert "--as-recorded places nothing" in refused(*call, "--surface", "plane")
-    assert "there is no channel 'force'" in refused(*call, "--extra", "force")
+    wanted = (
+        "--extra force needs force, or force_x, force_y, force_z: name their columns"
+    )
+    assert wanted in refused(*call, "--extra", "force")
+    angles = table(outputs / "q.csv", np.arange(30) / 20, np.ones(30), header="time,q1")
+    advice = "--extra adds to x, y and z, which are not among them. Leave it out"
+    assert advice in refused("learn", angles, *call[2:], "--extra", "force")
     assert "leave out --board" in refused(*call, "--board", "b.yaml")
     assert "leave out --robot" in refused(*call, "--robot", "ur5e")
     board = ("learn", call[1], "--out", "s.npz", "--board")

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, ReadingOptions
+from fmp_drake.primitives.data.channels import FORCE_COMPONENTS, ROTATION_CHANNELS
 from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.skills import EraserPath, RobotJoints
 from fmp_drake.skills.placement import load_as_recorded, place_on_board
@@ -292,3 +293,18 @@ def test_angles_that_a_named_robot_cannot_have_are_refused():
         EraserPath(recording, robot="iiwa14")
     with pytest.raises(DemonstrationError, match="are not the joints of ur5e"):
         EraserPath(recording, robot="ur5e")
+
+
+def test_a_recorded_force_is_kept_beside_the_path_of_the_joints():
+    time = np.arange(4) / 20
+    posture = [0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4]
+    forces = np.outer(time, [1.0, 2.0, 3.0])
+    joints = Demonstration(
+        time=time,
+        values=np.hstack([np.tile(posture, (4, 1)), forces]),
+        channels=(*(f"panda_joint{i}" for i in range(1, 8)), *FORCE_COMPONENTS),
+        units=("rad",) * 7 + ("N",) * 3,
+    )
+    path = EraserPath(joints, with_orientation=True)
+    assert path.channels == ("x", "y", "z", *FORCE_COMPONENTS, *ROTATION_CHANNELS)
+    np.testing.assert_array_equal(path.select(FORCE_COMPONENTS).values, forces)
