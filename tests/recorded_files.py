@@ -666,7 +666,10 @@ def joint_state(ros, k):
 
 
 def bag(path, topics, ros=2, storage=None, late=0, slowness=1):
-    """Write messages of topics, received 3 ms after their stamps, or never the same."""
+    """Write messages of topics, received 3 ms after their stamps, or never the same.
+
+    There is none where the function of a topic returns None.
+    """
     if ros == 1:
         from rosbags.rosbag1 import Writer
 
@@ -683,11 +686,23 @@ def bag(path, topics, ros=2, storage=None, late=0, slowness=1):
             connection = writer.add_connection(topic, kind, typestore=typestore(ros))
             for k in range(len(TIME)):
                 receipt = int(STAMPS[0] + slowness * (STAMPS[k] - STAMPS[0])) + late
-                writer.write(connection, receipt, raw(message(k), kind))
+                if (content := message(k)) is not None:
+                    writer.write(connection, receipt, raw(content, kind))
     return path
 
 
 FORCE = np.column_stack([np.sin(TIME), 2 * np.cos(TIME), -5 - TIME])
+
+
+def wrench_stamped(ros, k, sign=1, **stamp):
+    types = typestore(ros).types
+    vector = types["geometry_msgs/msg/Vector3"]
+    wrench = types["geometry_msgs/msg/Wrench"](
+        force=vector(*(sign * FORCE[k])), torque=vector(0.1, 0.2, 0.3)
+    )
+    return types["geometry_msgs/msg/WrenchStamped"](
+        header=header(ros, k, **stamp), wrench=wrench
+    )
 
 
 def ros1_poses(folder):
@@ -741,21 +756,25 @@ def ros1_two_poses(folder):
     return Written(bag(folder / "d.bag", topics, ros=1))
 
 
-def ros1_robot_states(folder):
-    """Write a bag of the states of a Franka arm, its poses matrices by columns."""
+@cache
+def franka_type():
     from rosbags.typesys import get_types_from_msg
 
-    kind = "franka_msgs/msg/FrankaState"
     store = typestore(1)
-    text = "std_msgs/Header header\nfloat64[16] O_T_EE\nfloat64[7] q"
-    store.register(get_types_from_msg(text, kind))
+    numbers = "float64[16] O_T_EE\nfloat64[7] q\nfloat64[6] O_F_ext_hat_K"
+    kind = "franka_msgs/msg/FrankaState"
+    store.register(get_types_from_msg(f"std_msgs/Header header\n{numbers}", kind))
+    return store.types[kind]
 
-    def state(k):
-        X = np.eye(4)
-        X[:3, :3], X[:3, 3] = TURNS[k].as_matrix(), PATH[k]
-        return store.types[kind](header=header(1, k), O_T_EE=X.T.ravel(), q=JOINTS[k])
 
-    return Written(bag(folder / "d.bag", {"/franka": state}, ros=1))
+def franka_state(k):
+    """Return the state of a Franka arm, its pose a matrix by columns."""
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = TURNS[k].as_matrix(), PATH[k]
+    wrench = np.r_[FORCE[k], 0.1, 0.2, 0.3]
+    return franka_type()(
+        header=header(1, k), O_T_EE=X.T.ravel(), q=JOINTS[k], O_F_ext_hat_K=wrench
+    )
 
 
 def ros1_out_of_order(folder):

@@ -432,7 +432,8 @@ class RecordingOptions:
     )
     topic: str = option(
         "",
-        "Topic of a bag, feature of a dataset, or sensor of a table of several.",
+        "Topic of a bag (several: /pose,/wrench), feature of a dataset, or sensor of a table of "
+        "several.",
         basic=False,
     )
     quaternions: Literal["xyzw", "wxyz"] | None = option(

@@ -135,7 +135,6 @@ POSES = (
     files.ros2_transforms,
     files.mcap_file,
     files.ros2_without_stamps,
-    files.ros1_robot_states,
     files.ros1_out_of_order,
     files.optitrack,
     files.optitrack_in_millimetres,

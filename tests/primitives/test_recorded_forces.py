@@ -5,9 +5,21 @@ import pytest
 import recorded_files as files
 from numpy.testing import assert_allclose
 
-from fmp_drake.primitives import read_demonstrations
+from fmp_drake.errors import FmpError
+from fmp_drake.primitives import ReadingOptions, read_demonstrations
 from fmp_drake.primitives.data.channels import FORCE_COMPONENTS, ROTATION_CHANNELS
 from fmp_drake.primitives.data.orientation import rotations_of
+
+
+def bag_of(folder, ros=2, topic="", make=files.pose_stamped, **wrenches):
+    """Write poses, or others, beside wrenches, and return what is read."""
+    pytest.importorskip("rosbags")
+    topics = {"/pose": lambda k: make(ros, k)}
+    topics |= {f"/{name}": message for name, message in wrenches.items()}
+    path = folder / ("d.bag" if ros == 1 else "d")
+    files.bag(path, topics, ros=ros, storage="MCAP")
+    (found,), (remark,) = read_demonstrations([path], ReadingOptions(topic=topic))
+    return found, remark
 
 
 def forces(found):
@@ -17,6 +29,111 @@ def forces(found):
 def rotation_errors(found, known):
     vectors = found.select(ROTATION_CHANNELS).values
     return (rotations_of(vectors, found.rotation_reference) * known.inv()).magnitude()
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_the_force_of_a_bag_is_interpolated_at_the_times_of_its_pose(ros, tmp_path):
+    def later(k):  # By 5 ms.
+        return files.wrench_stamped(ros, k, start=-5_000_000)
+
+    found, remark = bag_of(tmp_path, ros, ft=later)
+    assert "/pose, header stamps; /ft interpolated at the times of /pose" in remark
+    assert "1 sample without a value of force_x" in remark
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH[1:], atol=1e-12)
+    known = [np.interp(files.TIME[1:], files.TIME + 0.005, f) for f in files.FORCE.T]
+    assert_allclose(forces(found), np.transpose(known), atol=1e-9)
+    assert found.units[3:9] == ("N",) * 3 + ("Nm",) * 3
+
+
+def test_a_topic_of_forces_without_messages_hinders_nothing(tmp_path):
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag1 import Writer
+
+    store, path = files.typestore(1), tmp_path / "d.bag"
+    with Writer(path) as writer:
+        kinds = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/WrenchStamped")
+        pose, _ = (writer.add_connection(k[-8:], k, typestore=store) for k in kinds)
+        for k, stamp in enumerate(files.STAMPS.tolist()):
+            raw = store.serialize_ros1(files.pose_stamped(1, k), kinds[0])
+            writer.write(pose, stamp, raw)
+    (found,), _ = read_demonstrations([path])
+    assert found.channels == ("x", "y", "z", *ROTATION_CHANNELS)
+
+
+def test_joints_of_a_bag_are_read_with_its_force(tmp_path):
+    ft = lambda k: files.wrench_stamped(2, k)
+    found, _ = bag_of(tmp_path, make=files.joint_state, ft=ft)
+    assert found.channels[:7] == tuple(f"panda_joint{i}" for i in range(1, 8))
+    assert_allclose(forces(found), files.FORCE, atol=1e-12)
+
+
+def test_a_frame_of_a_tree_of_transforms_is_read_with_the_force(tmp_path):
+    def tree(ros, k):
+        message = files.typestore(ros).types["tf2_msgs/msg/TFMessage"]
+        return message(transforms=[files.transform_stamped(ros, k)])
+
+    ft = lambda k: files.wrench_stamped(2, k)
+    found, _ = bag_of(tmp_path, make=tree, topic="/pose:tool", ft=ft)
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
+    assert_allclose(forces(found), files.FORCE, atol=1e-12)
+
+
+@pytest.mark.parametrize("stamp", [{"stamped": False}, {"start": 30 * 10**9}])
+def test_topics_without_a_common_clock_are_read_at_their_times_of_receipt(
+    stamp, tmp_path
+):
+    ft = lambda k: files.wrench_stamped(2, k, **stamp)
+    found, remark = bag_of(tmp_path, ft=ft)
+    assert "times of receipt, because /ft has no stamps of the same clock" in remark
+    assert_allclose(forces(found), files.FORCE, atol=1e-9)
+
+
+def test_one_of_several_forces_of_a_bag_is_named(tmp_path):
+    pair = {
+        "a": lambda k: files.wrench_stamped(2, k),
+        "b": lambda k: files.wrench_stamped(2, k, sign=-1),
+    }
+    for name in ("all", "b", "both", "nose"):
+        (tmp_path / name).mkdir()
+    found, remark = bag_of(tmp_path / "all", **pair)
+    assert found.channels == ("x", "y", "z", *ROTATION_CHANNELS)
+    assert (
+        "/a, /b not read: to add one of these forces, give --topic /pose,/a" in remark
+    )
+    found, _ = bag_of(tmp_path / "b", topic="/pose,/b", **pair)
+    assert_allclose(forces(found), -files.FORCE, atol=1e-12)
+    with pytest.raises(FmpError, match=r"/b holds wrench\.force\.x, and so does"):
+        bag_of(tmp_path / "both", topic="/pose,/a,/b", **pair)
+    with pytest.raises(FmpError, match="has no topic /nose; it has /a"):
+        bag_of(tmp_path / "nose", topic="/pose,/nose", **pair)
+
+
+def test_a_force_of_a_part_of_a_bag_is_read_where_it_is_named(tmp_path):
+    ft = lambda k: files.wrench_stamped(2, k) if k < 300 else None
+    for name in ("all", "named", "none"):
+        (tmp_path / name).mkdir()
+    found, remark = bag_of(tmp_path / "all", ft=ft)
+    assert len(found.time) == 400
+    assert "force_x" not in found.channels
+    assert "/ft not read: it has values at 75 % of the times of /pose" in remark
+    found, _ = bag_of(tmp_path / "named", topic="/pose,/ft", ft=ft)
+    assert_allclose(forces(found), files.FORCE[:300], atol=1e-12)
+    before = lambda k: None if k else files.wrench_stamped(2, k, start=5_000_000)
+    with pytest.raises(FmpError, match="/ft has no values at the times of /pose; name"):
+        bag_of(tmp_path / "none", topic="/pose,/ft", ft=before)
+
+
+@pytest.mark.parametrize("topic", ["", "/franka,/ft"])
+def test_the_force_of_a_franka_arm_is_read_unless_another_is_named(topic, tmp_path):
+    pytest.importorskip("rosbags")
+    ft = lambda k: files.wrench_stamped(1, k, sign=-1)
+    topics = {"/franka": files.franka_state, "/ft": ft}
+    path = files.bag(tmp_path / "d.bag", topics, ros=1)
+    (found,), _ = read_demonstrations([path], ReadingOptions(topic=topic))
+    sign = -1 if topic else 1
+    assert_allclose(forces(found), sign * files.FORCE, atol=1e-12)
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
+    assert np.max(rotation_errors(found, files.TURNS)) < 1e-6
 
 
 @pytest.mark.parametrize("name", ["f", "ft_raw", "force_torque", "ee_force_torque"])

@@ -1,17 +1,22 @@
 """Reader of ROS 1 and ROS 2 bags and of MCAP files."""
 
 import shlex
-from collections.abc import Iterator
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillFileError
 from fmp_drake.numeric import Array, Indices
-from fmp_drake.primitives.data.reading.table import ReadingOptions, Table, readable
+from fmp_drake.primitives.data.reading.rows import at_times
+from fmp_drake.primitives.data.reading.table import (
+    LONGEST_GAP,
+    ReadingOptions,
+    Table,
+    readable,
+)
 
 # Message types that hold the position of a robot, the best first.
 _POSES = (
@@ -27,6 +32,11 @@ _POSE = (
     *(f"position.{axis}" for axis in "xyz"),
     *(f"orientation.{axis}" for axis in "xyzw"),
 )
+_TRANSFORMS, _WRENCH = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/WrenchStamped"
+# Names of the numbers of a force and a torque.
+_FORCE = tuple(f"wrench.{kind}.{a}" for kind in ("force", "torque") for a in "xyz")
+# Least fraction of the times of a pose at which a force is known that nobody asked for.
+_COVERED = 0.9
 _MOST_MESSAGES = 2_000_000
 # Latest first stamp of a simulated time that begins at 0, ns.
 _SIMULATED = 60 * 10**9
@@ -34,8 +44,25 @@ _SIMULATED = 60 * 10**9
 _ENDINGS = (".bag", ".mcap", ".db3")
 
 
+class _Topic(NamedTuple):
+    """Numbers in N messages of a topic, in the order of their receipt.
+
+    `values` is (N, C). `stamps` and `received` are times (N,), ns. `omissions` is a part of a
+    remark.
+    """
+
+    source: str
+    names: tuple[str, ...]
+    values: Array
+    stamps: Indices
+    received: Indices
+    is_stamped: bool
+    frame: str
+    omissions: str
+
+
 def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
-    """Return the numbers in the messages of one topic.
+    """Return the numbers in the messages of one topic, and of forces beside it.
 
     The time of a message is the stamp in its header, or its time of receipt without one.
     Where the messages of a topic differ in their numbers, as for an arm and its gripper,
@@ -47,7 +74,9 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
         A ROS 1 or MCAP file, or the folder or the database of a ROS 2 bag.
     options : ReadingOptions
         Its topic is read; "" for the only topic with the position of a robot. A topic of
-        transforms is followed by one of their child frames: ``/tf:tool``.
+        transforms is followed by one of their child frames: ``/tf:tool``. Other topics may
+        follow after commas, and are interpolated at its times: ``/tf:tool,/wrench``. Without
+        these, the only topic of a force is added to a position.
 
     Raises
     ------
@@ -70,40 +99,50 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
         readable(path, "a bag", hint=hint),
         AnyReader([path], default_typestore=types) as reader,
     ):
-        requested, _, child = options.topic.partition(":")
-        source = _topic(
-            path, {c.topic: c.msgtype for c in reader.connections}, requested
+        kinds = {c.topic: c.msgtype for c in reader.connections}
+        requested, *named = (name.strip() for name in options.topic.split(","))
+        requested, _, child = requested.partition(":")
+        source = _topic(path, kinds, requested)
+        main = _messages(path, reader, source, child)
+        main = main._replace(source=f"{source}:{child}" if child else source)
+        beside, remarks = [*filter(None, named)], list[str]()
+        if not named and kinds[source] in (*_POSES, _TRANSFORMS):
+            beside, remarks = _wrenches(main, reader.connections)
+        others = [_messages(path, reader, _topic(path, kinds, t), "") for t in beside]
+    return [_joined(main, others, needs_all=bool(named), remarks=remarks)]
+
+
+def _messages(path: Path, reader: Any, source: str, child: str) -> _Topic:
+    """Return the numbers in the messages of a topic, and in these of one child frame."""
+    connections = [c for c in reader.connections if c.topic == source]
+    count = sum(c.msgcount for c in connections)
+    if count > _MOST_MESSAGES:
+        raise SkillFileError(
+            f"{path}: {source} has {count} messages; at most {_MOST_MESSAGES} are read."
         )
-        connections = [c for c in reader.connections if c.topic == source]
-        count = sum(c.msgcount for c in connections)
-        if count > _MOST_MESSAGES:
-            raise SkillFileError(
-                f"{path}: {source} has {count} messages; at most {_MOST_MESSAGES} "
-                "are read."
-            )
-        # Rows by the names of their numbers, each with the index of its message.
-        kinds: dict[tuple[str, ...], list[tuple[float, ...]]] = {}
-        stamps: list[int] = []
-        received: list[int] = []
-        frame, children = "", set[str]()
-        for connection, receipt, raw in reader.messages(connections=connections):
-            message = reader.deserialize(raw, connection.msgtype)
-            if hasattr(message, "transforms"):  # Of a tree of frames, as in /tf.
-                frames = {t.child_frame_id: t for t in message.transforms}
-                children |= frames.keys()
-                if len(children) > 1 and not child:
-                    continue
-                message = frames.get(child or min(children))
-                if message is None:
-                    continue
-            header = getattr(message, "header", None)
-            stamp = getattr(header, "stamp", None)
-            stamps.append(0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec)
-            received.append(receipt)
-            frame = frame or getattr(header, "frame_id", "")
-            numbers = dict(_numbers(message))
-            rows = kinds.setdefault(tuple(numbers), [])
-            rows.append((len(received) - 1, *numbers.values()))
+    # Rows by the names of their numbers, each with the index of its message.
+    kinds: dict[tuple[str, ...], list[tuple[float, ...]]] = {}
+    stamps: list[int] = []
+    received: list[int] = []
+    frame, children = "", set[str]()
+    for connection, receipt, raw in reader.messages(connections=connections):
+        message = reader.deserialize(raw, connection.msgtype)
+        if hasattr(message, "transforms"):  # Of a tree of frames, as in /tf.
+            frames = {t.child_frame_id: t for t in message.transforms}
+            children |= frames.keys()
+            if len(children) > 1 and not child:
+                continue
+            message = frames.get(child or min(children))
+            if message is None:
+                continue
+        header = getattr(message, "header", None)
+        stamp = getattr(header, "stamp", None)
+        stamps.append(0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec)
+        received.append(receipt)
+        frame = frame or getattr(header, "frame_id", "")
+        numbers = dict(_numbers(message))
+        rows = kinds.setdefault(tuple(numbers), [])
+        rows.append((len(received) - 1, *numbers.values()))
     if child and not children:
         raise SkillFileError(
             f"{path}: {source} has no frames to choose from; give --topic {source}."
@@ -123,25 +162,107 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
     # A stamp of 0 is missing, unless simulated time has just begun.
     earliest = min(filter(None, stamps), default=0)
     is_stamped = all(stamps) or 0 < earliest < _SIMULATED
-    is_stamped = is_stamped and stamps[0] != stamps[-1]
-    times = stamps if is_stamped else received
-    remark = f"{source}, {'header stamps' if is_stamped else 'times of receipt'}"
-    if any(a > b for a, b in pairwise(times)):
-        remark += ", sorted"
-    if omissions:
-        remark += f"; {', '.join(omissions)} left out, found in other messages only"
-    time = np.array(times)[index]
-    order = np.lexsort([index, time])
-    values = np.column_stack([(time - time.min()) * 1e-9, values])[order]
-    return [
-        Table(
-            names=("time", *names),
-            units=("s",),
-            values=values,
-            frame=frame,
-            remarks=(remark,),
+    return _Topic(
+        source,
+        names,
+        values,
+        np.array(stamps)[index],
+        np.array(received)[index],
+        is_stamped and stamps[0] != stamps[-1],
+        frame,
+        f"; {', '.join(omissions)} left out, found in other messages only"
+        * bool(omissions),
+    )
+
+
+def _wrenches(main: _Topic, connections: Any) -> tuple[list[str], list[str]]:
+    """Return the topic of forces to be read beside a pose, if it is the only one; remarks."""
+    counts = {c.topic: c.msgcount for c in connections if c.msgtype == _WRENCH}
+    found = sorted(topic for topic, count in counts.items() if count)
+    is_small = sum(counts.values()) <= _MOST_MESSAGES
+    if len(found) == 1 and is_small and _FORCE[0] not in main.names:
+        return found, []
+    option = f"--topic {main.source},{found[0]}" if found else ""
+    remark = f"{', '.join(found)} not read: to add one of these forces, give {option}"
+    return [], [remark] * bool(found)
+
+
+def _joined(
+    main: _Topic, others: Sequence[_Topic], *, needs_all: bool, remarks: list[str]
+) -> Table:
+    """Return a table of a topic and of others, interpolated at its times.
+
+    All times are header stamps, or times of receipt unless all topics have stamps of one
+    clock. Without `needs_all`, topics that do not cover its times are left out.
+    """
+    is_stamped = main.is_stamped and all(_has_clock_of(main, o) for o in others)
+    times = main.stamps if is_stamped else main.received
+    start = int(times.min())
+    time = (times - start).astype(float) * 1e-9
+    replaced = {name for other in others for name in other.names} & {*_FORCE}
+    columns = {
+        name: column
+        for name, column in zip(main.names, main.values.T, strict=True)
+        if name not in replaced
+    }
+    for other in others:
+        if common := {*columns} & {*other.names}:
+            raise SkillFileError(
+                f"{other.source} holds {min(common)}, and so does a topic before it; name one "
+                "of them with --topic."
+            )
+        there, rows = np.unique(
+            other.stamps if is_stamped else other.received, return_index=True
         )
-    ]
+        stamps = (there - start).astype(float) * 1e-9
+        added = [at_times(time, stamps, column) for column in other.values[rows].T]
+        covered = float(np.mean(~np.isnan(added[0])))
+        if not needs_all and covered < _COVERED:
+            remark = (
+                f"{other.source} not read: it has values at {100 * covered:.0f} % of the "
+                f"times of {main.source}"
+            )
+            if covered > 0:
+                remark += (
+                    f"; to learn these alone, give --topic {main.source},{other.source}"
+                )
+            remarks.append(remark)
+            return _joined(main, [], needs_all=True, remarks=remarks)
+        if covered == 0:
+            raise SkillFileError(
+                f"{other.source} has no values at the times of {main.source}; name "
+                "topics that were recorded together."
+            )
+        columns |= dict(zip(other.names, added, strict=True))
+        remarks.append(f"{other.source} interpolated at the times of {main.source}")
+    kind = "header stamps" if is_stamped else "times of receipt"
+    if main.is_stamped and not is_stamped:
+        names = " or ".join(other.source for other in others)
+        kind += f", because {names} has no stamps of the same clock"
+    if any(np.diff(times) < 0):
+        kind += ", sorted"
+    order = np.argsort(times, kind="stable")
+    return Table(
+        names=("time", *columns),
+        units=("s",),
+        values=np.column_stack([time, *columns.values()])[order],
+        frame=main.frame,
+        origin=start * 1e-9,
+        remarks=(f"{main.source}, {kind}{main.omissions}", *remarks),
+    )
+
+
+def _has_clock_of(main: _Topic, other: _Topic) -> bool:
+    """Return whether stamps of two topics agree where both were received."""
+    first, last = main.received[[0, -1]]
+    is_common = (first <= other.received) & (other.received <= last)
+    if not np.any(is_common):
+        return False
+    expected = np.interp(
+        other.received - first, main.received - first, main.stamps - main.stamps[0]
+    )
+    shifts = other.stamps - main.stamps[0] - expected
+    return bool(abs(np.median(shifts[is_common])) < LONGEST_GAP * 1e9)
 
 
 def _largest_kind(
@@ -156,6 +277,7 @@ def _largest_kind(
             if set(names) <= set(kind)
         ]
     )
+    rows = rows[np.argsort(rows[:, 0])]
     return names, rows[:, 0].astype(np.int64), rows[:, 1:]
 
 
@@ -190,6 +312,9 @@ def _numbers(message: Any, prefix: str = "") -> Iterator[tuple[str, float]]:
         X = np.reshape(pose, (4, 4)).T
         quaternion = Rotation.from_matrix(X[:3, :3]).as_quat()
         yield from zip(_POSE, map(float, [*X[:3, 3], *quaternion]), strict=True)
+        # Estimated from the torques of the joints, in the frame of the base.
+        wrench = getattr(message, "O_F_ext_hat_K", ())
+        yield from zip(_FORCE, map(float, wrench), strict=False)
         return
     for name in getattr(message, "__dataclass_fields__", {}):
         value = getattr(message, name)

@@ -35,16 +35,19 @@ def interpolated(
         return values, np.ones(len(values), dtype=bool)
     values = values.copy()
     for i in others:
-        stamps = time[known[:, i]]
-        after = np.searchsorted(stamps, time).clip(1, len(stamps) - 1)
-        is_near = stamps[after] - stamps[after - 1] <= LONGEST_GAP
-        is_inside = (stamps[0] <= time) & (time <= stamps[-1])
-        filled = np.interp(time, stamps, values[known[:, i], i])
-        between = ~known[:, i] & is_near & is_inside
-        values[between, i] = filled[between]
+        rows = known[:, i]
+        values[~rows, i] = at_times(time[~rows], time[rows], values[rows, i])
     names = ", ".join(name for k, name in enumerate(channels) if k in others)
     remarks.append(f"{names} interpolated at the times of the position")
     return values, is_placed
+
+
+def at_times(time: Array, stamps: Array, values: Array) -> Array:
+    """Return values (N,) of increasing stamps (N,), s, at times (n,); NaN outside and in gaps."""
+    after = np.searchsorted(stamps, time).clip(1, len(stamps) - 1)
+    is_near = stamps[after] - stamps[after - 1] <= LONGEST_GAP
+    is_inside = (stamps[0] <= time) & (time <= stamps[-1])
+    return np.where(is_near & is_inside, np.interp(time, stamps, values), np.nan)
 
 
 def steady_samples(time: Array, positions: Array, remarks: list[str]) -> Mask:

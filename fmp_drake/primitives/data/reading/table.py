@@ -72,6 +72,8 @@ class Table:
         Name of the frame of the values; "" where unknown.
     words : mapping from str to str
         First cell of each column of words, by its name.
+    origin : float
+        Time that was subtracted from the times, s.
     has_angles : bool
         Whether its quaternion was recorded as angles, which may be something else.
     saved : mapping, optional
@@ -90,6 +92,7 @@ class Table:
     remarks: tuple[str, ...] = ()
     frame: str = ""
     words: Mapping[str, str] = field(default_factory=dict)
+    origin: float = 0.0
     has_angles: bool = False
     saved: Mapping[str, Any] | None = None
 
@@ -195,7 +198,8 @@ class ReadingOptions:
     sample_rate : float, optional
         Samples per second (Hz), instead of a time column.
     topic : str
-        Topic of a bag, feature of a dataset (`action`), or sensor in a table of several.
+        Topic of a bag, or several (`/pose,/wrench`); feature of a dataset (`action`), or sensor in
+        a table of several.
     quaternions : {"xyzw", "wxyz"}, optional
         Order of the four numbers of an array whose file does not name them; "xyzw" where
         None. The numbers alone do not tell: either order gives unit quaternions with equal
