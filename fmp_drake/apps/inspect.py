@@ -19,6 +19,7 @@ from fmp_drake.errors import DemonstrationError
 from fmp_drake.plots import plot_demonstrations
 from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives import find_rhythm, read_demonstrations
+from fmp_drake.primitives.data.reading.parts import is_part
 from fmp_drake.skills.description import board_part, describe_recording
 
 # Options that a refusal names, with which the recording can be learned.
@@ -54,18 +55,22 @@ def inspect(
     console = make_console()
     check_picture(picture.plot)
     recordings, parts, conclusions = [], [], list[str]()
-    for file in files:
-        demonstrations, _ = read_demonstrations([file], recording.reading())
-        for demonstration in demonstrations:
-            note = demonstration.note or "as it is"
-            console.print(f"{file}: {note}", soft_wrap=True)
-            on_board = board_part(demonstration, **vars(rhythm))
-            parts.append(on_board[0])
-            lines = describe_recording(demonstration, on_board=on_board, **vars(rhythm))
-            conclusions.append(lines[-1])
-            for line in lines:
-                console.print(f"  {line}", soft_wrap=True)
-        recordings += demonstrations
+    reading = recording.reading()
+    loaded = [(f, d) for f in files for d in read_demonstrations([f], reading)[0]]
+    positions = [file for file, d in loaded if not is_part(d.channels, d.units)]
+    if 0 < len(positions) < len(loaded):  # The others are added to these.
+        joined, _ = read_demonstrations(files, reading)
+        loaded = list(zip(positions, joined, strict=False))
+    for file, demonstration in loaded:
+        note = demonstration.note or "as it is"
+        console.print(f"{file}: {note}", soft_wrap=True)
+        on_board = board_part(demonstration, **vars(rhythm))
+        parts.append(on_board[0])
+        lines = describe_recording(demonstration, on_board=on_board, **vars(rhythm))
+        conclusions.append(lines[-1])
+        for line in lines:
+            console.print(f"  {line}", soft_wrap=True)
+        recordings.append(demonstration)
     found = None
     is_needed = len(recordings) > 1 or picture.plot is not None
     if is_needed and len({d.channels for d in recordings}) == 1:

@@ -19,6 +19,7 @@ from fmp_drake.primitives.data.channels import (
     listed,
 )
 from fmp_drake.primitives.data.reading.columns import NO_POSITION, SEVERAL
+from fmp_drake.primitives.data.reading.parts import is_part
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
 from fmp_drake.skills.contact import samples_in_bouts
@@ -259,9 +260,14 @@ def load_on_board(
             **rhythm,
         )
         return demonstrations, [*remarks, *notes]
-    for path in paths:
-        recordings, notes = load_as_recorded([path], stretch=stretch, reading=reading)
+    loaded = [load_as_recorded([p], stretch=stretch, reading=reading) for p in paths]
+    parts = [all(is_part(d.channels, d.units) for d in each) for each, _ in loaded]
+    for path, (recordings, notes), is_one in zip(paths, loaded, parts, strict=True):
         remarks += notes
+        if is_one and recordings and not all(parts):
+            option = f"--surface fitted {extra_options(recordings[0])}"
+            remarks.append(f"{path.name} left out: it is learned with {option}")
+            continue
         fits_board = transform is not None or all(map(_is_placed, recordings))
         whole = [] if fits_board else _with_all_arrays(path, stretch, reading)
         curved = curved_surface_remark(whole, **rhythm) if whole else ""

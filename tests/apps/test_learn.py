@@ -211,6 +211,33 @@ def test_recorded_poses_are_learned_for_free_space(
     command("check", "--scenario", "stir", "--skill", out)
 
 
+def test_a_force_in_a_file_of_its_own_is_learned_like_one_in_the_same_file(
+    command, outputs, real_demonstration_paths
+):
+    skill = outputs / "skill.npz"
+    with np.load(real_demonstration_paths["car_rim_1"]) as arrays:
+        time, path, newtons = (arrays[n] for n in ("time", "position", "force"))
+    stamps = time + 1.7e9
+    place = table(outputs / "pose.csv", stamps, path, header="time,x,y,z")
+    force = table(outputs / "force.csv", stamps, newtons, header="time,fx,fy,fz")
+    header = "time,x,y,z,fx,fy,fz"
+    both = table(outputs / "both.csv", stamps, path, newtons, header=header)
+    learned = []
+    for files in ((place, force), (both,)):
+        options = ("--surface", "fitted", "--extra", "force", "--out", skill)
+        assert command("learn", *files, *options).code == 0
+        learned.append(load_skill(skill))
+    assert learned[0].channels_ == ("x", "y", "z", "force")
+    np.testing.assert_allclose(*(s.components_[0].mean for s in learned), atol=1e-6)
+    plain = command("learn", place, force, "--out", skill).out
+    assert "force.csv left out: it is learned with --surface fitted --extra" in plain
+    reported = command("inspect", force, place).out
+    assert f"{place}: force_x, force_y, force_z of force.csv interpolated" in reported
+    assert "channels: x, y, z (m); force_x, force_y, force_z (N)" in reported
+    command("learn", force, place, "--as-recorded", "--extra", "force", "--out", skill)
+    assert load_skill(skill).channels_[3:] == ("force_x", "force_y", "force_z")
+
+
 def test_path_implausible_for_the_board_is_refused_and_learned_as_recorded(
     command, refused, outputs
 ):

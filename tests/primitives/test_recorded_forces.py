@@ -136,6 +136,104 @@ def test_the_force_of_a_franka_arm_is_read_unless_another_is_named(topic, tmp_pa
     assert np.max(rotation_errors(found, files.TURNS)) < 1e-6
 
 
+def force_file(folder, time, name="force.csv", force=files.FORCE):
+    """Write a table as `rostopic echo -p` prints a wrench, and return its path."""
+    names = [f"field.wrench.force.{axis}" for axis in "xyz"]
+    stamps = np.round(time * 1e9).astype(np.int64)
+    header = ",".join(["%time", "field.header.stamp", *names])
+    text = files.lines(stamps + 2 * 10**6, stamps, *force.T, header=header)
+    return files.write(folder, text, name).path
+
+
+START = files.STAMPS[0] * 1e-9
+LATER = files.TIME + START + 0.005
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("make", [files.ros_topic_echo, files.bagpy, files.ros1_poses])
+def test_a_file_of_a_force_is_added_to_the_position_at_the_same_times(
+    make, order, tmp_path
+):
+    pytest.importorskip("rosbags")
+    paths = [make(tmp_path).path, force_file(tmp_path, LATER)]
+    (found,), (remark,) = read_demonstrations(paths[::order])
+    assert "force_z of force.csv interpolated at its times; 1 sample" in remark
+    known = [np.interp(files.TIME[1:], files.TIME + 0.005, f) for f in files.FORCE.T]
+    assert_allclose(forces(found), np.transpose(known), atol=1e-5)
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH[1:], atol=1e-12)
+    assert found.rotation_reference is not None
+
+
+def test_a_force_is_added_to_each_recording_at_its_times(tmp_path):
+    halves = []
+    for name, rows in (("a.csv", slice(0, 200)), ("b.csv", slice(200, 400))):
+        text = files.xyz(files.STAMPS[rows], files.PATH[rows], header="time,x,y,z")
+        halves.append(files.write(tmp_path, text, name).path)
+    one, other = read_demonstrations([*halves, force_file(tmp_path, LATER)])[0]
+    assert_allclose(forces(one)[:, 2], -5 - files.TIME[1:200] + 0.005, atol=1e-5)
+    assert_allclose(forces(other)[:, 2], -5 - files.TIME[200:] + 0.005, atol=1e-5)
+
+
+def test_a_file_of_an_orientation_is_added_to_the_position(tmp_path):
+    place = files.write(tmp_path, files.xyz(files.STAMPS, header="time,x,y,z"), "p.csv")
+    slow = slice(None, None, 10)  # The arm turns by up to 35 degrees in between.
+    text = files.lines(
+        files.STAMPS[slow], *files.QUATERNIONS[slow].T, header="time,qx,qy,qz,qw"
+    )
+    turns = files.write(tmp_path, text, "q.csv")
+    (found,), _ = read_demonstrations([place.path, turns.path])
+    errors = rotation_errors(found, files.TURNS[:391])
+    assert np.degrees(np.max(errors)) < 2
+    assert np.max(errors[slow]) < 1e-6
+
+
+def relative(folder):
+    return files.plain(folder).path, files.write(
+        folder,
+        files.lines(files.TIME, *files.FORCE.T, header="time,fx,fy,fz"),
+        "force.csv",
+    ).path
+
+
+def an_hour_later(folder):
+    return files.nanoseconds(folder).path, force_file(folder, LATER + 3600)
+
+
+def mostly_later(folder):
+    return files.nanoseconds(folder).path, force_file(folder, LATER + 5)
+
+
+def twice(folder):
+    text = files.xyz(files.STAMPS, header="time,x,y,z,force_x")
+    text = text.replace("\n", ",1\n").replace("force_x,1", "force_x")
+    pose = files.write(folder, text).path
+    return pose, force_file(folder, LATER)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            relative,
+            r"force\.csv holds force_x, .* added to d\.csv \(0\.000 s to 7\.980 s\): ",
+        ),
+        (
+            relative,
+            "Give stamps of one clock in both files, such as seconds since 1970",
+        ),
+        (an_hour_later, r"cannot be added to d\.csv .* \(1700003600\.005 s to "),
+        (
+            mostly_later,
+            r"values at only 149 of the 400 samples of \S+d\.csv; record both",
+        ),
+        (twice, r"d\.csv both hold force_x at the same times; choose one"),
+    ],
+)
+def test_a_force_of_another_time_is_refused(make, message, tmp_path):
+    with pytest.raises(FmpError, match=message):
+        read_demonstrations(make(tmp_path))
+
+
 @pytest.mark.parametrize("name", ["f", "ft_raw", "force_torque", "ee_force_torque"])
 def test_six_numbers_of_a_sensor_are_a_force_and_a_torque(name, tmp_path):
     arrays = {"time": files.TIME, "ee_pos": files.PATH}

@@ -34,6 +34,7 @@ from fmp_drake.primitives.data.orientation import (
 from fmp_drake.primitives.data.reading.arrays import FORMAT, METADATA
 from fmp_drake.primitives.data.reading.columns import recognise_columns
 from fmp_drake.primitives.data.reading.kinds import read_tables
+from fmp_drake.primitives.data.reading.parts import joined_parts
 from fmp_drake.primitives.data.reading.table import LONGEST_GAP, ReadingOptions, Table
 
 _LEAST_SAMPLES = 4
@@ -458,7 +459,8 @@ def read_demonstrations(
     give one demonstration for each episode: a LeRobot folder, or robomimic's HDF5 file.
     Quaternions, rotation vectors and Euler angles (`roll`, `pitch`, `yaw`) become the
     orientation channels `rx`, `ry` and `rz`; all demonstrations have one reference.
-    Lengths become metres, degrees radians.
+    Lengths become metres, degrees radians. A file that holds only a force or an orientation
+    is added to the recordings of positions or joints beside it, at the same absolute times.
 
     Parameters
     ----------
@@ -483,20 +485,25 @@ def read_demonstrations(
     demonstrations: list[Demonstration] = []
     remarks: list[str] = []
     orientations: dict[int, tuple[Path, Array, Table]] = {}
+    tables: list[tuple[Path, Table]] = []
     for path in map(Path, [paths] if isinstance(paths, str | Path) else paths):
         with _naming(path), np.errstate(all="ignore"):  # Infinite numbers are refused.
-            for table in read_tables(path, options):
-                if table.saved is not None:
-                    demonstrations.append(Demonstration(**table.saved))
-                    continue
-                table = recognise_columns(table, options)
-                recording = _from_table(table)
-                if set(QUATERNION_CHANNELS) <= set(recording.channels):
-                    quaternions = recording.select(QUATERNION_CHANNELS).values
-                    orientations[len(demonstrations)] = path, quaternions, table
-                if recording.note:
-                    remarks.append(f"{path.name}: {recording.note}")
-                demonstrations.append(recording)
+            tables += [
+                (path, table if table.saved else recognise_columns(table, options))
+                for table in read_tables(path, options)
+            ]
+    for path, table in joined_parts(tables):
+        with _naming(path), np.errstate(all="ignore"):
+            if table.saved is not None:
+                demonstrations.append(Demonstration(**table.saved))
+                continue
+            recording = _from_table(table)
+            if set(QUATERNION_CHANNELS) <= set(recording.channels):
+                quaternions = recording.select(QUATERNION_CHANNELS).values
+                orientations[len(demonstrations)] = path, quaternions, table
+            if recording.note:
+                remarks.append(f"{path.name}: {recording.note}")
+            demonstrations.append(recording)
     if orientations:
         reference = mean_rotation(
             np.concatenate(

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,13 +47,26 @@ _MOSTLY = 0.8
 _LARGEST_STEP_BACK = 3.0
 
 
+class Stamps(NamedTuple):
+    """Times in a file.
+
+    `unit` and `source`, the name or number of their column, are "" where unknown. `origin` was
+    subtracted from them, s.
+    """
+
+    values: Array
+    unit: str
+    source: str
+    origin: float = 0.0
+
+
 def time_column(
     columns: Sequence[Column],
     options: ReadingOptions,
     listed: str,
     remarks: list[str],
-) -> tuple[tuple[Array, str, str] | None, set[int]]:
-    """Return the times with unit and source, and the indices of all columns of times."""
+) -> tuple[Stamps | None, set[int]]:
+    """Return the times, and the indices of all columns of times."""
     candidates = [
         column
         for form in _TIMES
@@ -69,12 +83,14 @@ def time_column(
         names, numbers = zip(*((c.name, c.place) for c in columns), strict=True)
         column = columns[options.column("time", names, numbers)]
         header_unit = options.source("time")[1] or column.unit
-        return (column.values, header_unit, column.source), {*indices, column.number}
+        stamp = Stamps(column.values, header_unit, column.source)
+        return stamp, {*indices, column.number}
     if stamps:
         whole, rest = (column.values for column in stamps[0])
         remarks.append("the time is that of the stamps")
         unit = 1e-9 if np.max(rest) >= 1e6 else 1e-6
-        return (whole - whole[0] + unit * rest, "s", ""), indices
+        relative = whole - whole[0] + unit * rest
+        return Stamps(relative, "s", "", float(whole[0])), indices
     # Stamps that were never set are constant.
     changing = [c for c in candidates if np.any(c.values != c.values[0])]
     candidates = changing or candidates
@@ -89,7 +105,8 @@ def time_column(
     column = candidates[0]
     if len(candidates) > 1:
         remarks.append(f"the time is {column.name}")
-    return (column.values, column.unit, column.source), {*indices, column.number}
+    stamp = Stamps(column.values, column.unit, column.source)
+    return stamp, {*indices, column.number}
 
 
 def _missing_time(
@@ -144,20 +161,21 @@ def _is_stamp(seconds: Column, fraction: Column) -> bool:
 
 
 def ordered_times(
-    stamp: tuple[Array, str, str] | None,
+    stamp: Stamps | None,
     rows: Indices,
     values: Array,
     options: ReadingOptions,
     remarks: list[str],
-) -> tuple[Array, Indices]:
-    """Return increasing times, s, and the indices of their rows.
+) -> tuple[Array, Indices, float]:
+    """Return increasing times, s, the indices of their rows, and the subtracted time, s.
 
-    The stamp is a column with its unit and its name or number; None for a known rate.
+    The stamp is None for a known rate.
     """
     count = len(rows)
     if stamp is None:
-        return np.arange(count) / (options.sample_rate or 1.0), np.arange(count)
-    time, unit = _seconds(stamp[0][rows], *stamp[1:])
+        time = np.arange(count) / (options.sample_rate or 1.0)
+        return time, np.arange(count), 0.0
+    time, unit, start = _seconds(stamp.values[rows], stamp.unit, stamp.source)
     if unit != "s":
         remarks.append(f"the time is in {unit}")
     order, steps = np.arange(count), np.diff(time)
@@ -198,7 +216,7 @@ def ordered_times(
     if repeated:
         samples = count_text(repeated, "sample")
         remarks.append(f"{samples} with the time of the one before left out")
-    return time[is_new], order[is_new]
+    return time[is_new], order[is_new], stamp.origin + start
 
 
 def _rate(interval: float) -> str:
@@ -206,8 +224,10 @@ def _rate(interval: float) -> str:
     return f"{1 / interval:.6g}" if interval > 0 else "100"
 
 
-def _seconds(time: Array, stated_unit: str, source: str) -> tuple[Array, str]:
-    """Return times in seconds and their unit in the file; times since 1970 start at 0.
+def _seconds(time: Array, stated_unit: str, source: str) -> tuple[Array, str, float]:
+    """Return times in seconds, their unit in the file, and the subtracted time, s.
+
+    Times since 1970 start at 0.
 
     Parameters
     ----------
@@ -254,4 +274,5 @@ def _seconds(time: Array, stated_unit: str, source: str) -> tuple[Array, str]:
             units = (u for u in ("ms", "us", "ns") if low <= step * TIMES[u] <= high)
             unit = next(units, "s")
     start = time[0] if abs(time[0]) * TIMES[unit or "s"] > 1e8 else 0.0
-    return (time - start) * TIMES[unit or "s"], unit or "s"
+    factor = TIMES[unit or "s"]
+    return (time - start) * factor, unit or "s", float(start * factor)

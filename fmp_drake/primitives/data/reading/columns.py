@@ -179,7 +179,7 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     if len(rows) < len(values):
         count = count_text(len(values) - len(rows), "row")
         remarks.append(f"{count} without a value left out")
-    time, order = ordered_times(stamp, rows, values[rows], options, remarks)
+    time, order, origin = ordered_times(stamp, rows, values[rows], options, remarks)
     rows = rows[order]
     values, is_placed = interpolated(time, values[rows], channels, remarks)
     time, rows, values = time[is_placed], rows[is_placed], values[is_placed]
@@ -202,6 +202,7 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         values=np.column_stack([time, values]),
         frame=table.frame,
         remarks=tuple(remarks),
+        origin=table.origin + origin,
         has_angles=bool({*names} - {*channels}),
     )
 
