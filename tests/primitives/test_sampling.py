@@ -114,7 +114,7 @@ def test_choice_draws_samples_out_where_the_region_allows_it(skill):
 
 def test_choice_does_not_draw_out_a_force(wiping_demonstration):
     noise = np.random.default_rng(0).normal(10, 2, len(wiping_demonstration.time))
-    noise[::600] += 8  # Its range is wide enough for every sample.
+    noise[::600] += 20  # Its range is wide enough for every sample.
     demonstration = replace(
         wiping_demonstration,
         values=np.column_stack([wiping_demonstration.values, noise]),

@@ -44,8 +44,9 @@ from fmp_drake.primitives.model.trajectory_mixture import TrajectoryMixture
 
 ModelChoice = Literal["mixture", "phase", "automatic"]
 
-# Default window, samples and s; the greater counts. For a phase model: periods in a
-# window up to that size, and their least number.
+# Default window, samples and s; the greater counts. For a phase model: periods in a window up
+# to that size, which is less for more than three channels, because the time to learn grows
+# with the cube of their values; and the least number of periods.
 _DEFAULT_STEPS, _DEFAULT_WINDOW = 120, 6.0
 _PERIODS, _LEAST_PERIODS = 3.2, 1.2
 # Shortest window (s) that is played smoothly: of real movements, shorter ones have two to four
@@ -534,7 +535,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         if self._given_steps is not None:
             return min(self._given_steps, max(longest, 4 * self.overlap))
         values = max(_DEFAULT_STEPS, _MOST_VALUES // self.n_channels_)
-        most = min(self._most_steps, values, longest)
+        usual = self._most_steps * 3 // max(3, self.n_channels_)
+        most = min(usual, values, longest)
         period = tracked.rhythm.period * self.rate
         nominal = min(_PERIODS * period, float(most))
         least = longest if tracked.rhythm.is_one_cycle else _LEAST_PERIODS * period
