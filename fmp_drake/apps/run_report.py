@@ -70,6 +70,10 @@ class RunFiles:
                 "--plot, --log and --graphviz."
             )
 
+    def are_results(self) -> bool:
+        """Return whether a file is written at the end of the run."""
+        return any((self.html, self.video, self.plot, self.log, self.report))
+
     def signals(self) -> set[str]:
         """Return the names of the signals that these files need."""
         return {

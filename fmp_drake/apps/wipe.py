@@ -3,8 +3,10 @@
 import math
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +38,7 @@ from fmp_drake.apps.page import (
     wait_for_law,
 )
 from fmp_drake.apps.run_report import RunFiles, report_rows
-from fmp_drake.apps.terminal import has_terminal
+from fmp_drake.apps.terminal import has_terminal, noted_interrupts
 from fmp_drake.errors import RunError, StationError
 from fmp_drake.runs import ArmRun, MakeRun, StationRun
 from fmp_drake.runs.events import ADVICE
@@ -316,7 +318,13 @@ def _simulate(
         )
         if panel is not None:
             times = _show_events(times, run, panel, rate)
-        show_progress(console, times, until=end, label="running")
+        # The files of an interrupted run are written, too.
+        noted = (
+            noted_interrupts() if files.are_results() else nullcontext(lambda: False)
+        )
+        with noted as is_stopped:
+            times = takewhile(lambda _: not is_stopped(), times)
+            show_progress(console, times, until=end, label="running")
         seconds = run.simulator.get_context().get_time()
         run.remove_controls()
         metrics = {
@@ -346,7 +354,7 @@ def _simulate(
         if is_first:
             files.write(console, run, metrics, reel=reel, title=title)
         is_first = False
-        if panel is None:
+        if panel is None or is_stopped():
             return
         if has_terminal():
             console.print("the page stays open; press Enter to quit ", end="")

@@ -104,7 +104,7 @@ def advance(
     on_reset: Callable[[], None] | None = None,
     keep_running: Callable[[], bool] | None = None,
 ) -> Iterator[float]:
-    """Advance a simulation in intervals of 0.1 s; yield its time after each.
+    """Advance a simulation in intervals of 0.1 s; yield its time after each, and in pauses.
 
     With a page and without, the intervals end at multiples of a millisecond. An integrator
     with error control then takes the same steps.
@@ -149,6 +149,7 @@ def advance(
                     time.sleep(_POLL)
                     # Otherwise Drake would run faster to compensate for the pause.
                     simulator.ResetStatistics()
+                    yield context.get_time()
                     continue
             # Nor does it compensate for a compilation or a machine that stood still.
             if (now := time.monotonic() * rate - context.get_time()) - ahead > _MAX_LAG:

@@ -1,10 +1,14 @@
 """Facts about `fmp-drake wipe`."""
 
 import json
+import os
+import signal
 
 import matplotlib.image
 import numpy as np
 import pytest
+
+from fmp_drake.runs.simulation_loop import advance
 
 KEYS = {
     "simulated_seconds",
@@ -63,6 +67,25 @@ def test_movement_above_the_board_cleans_nothing(command, outputs, monkeypatch):
     assert "time to clean" not in text
     titles = [ax.get_title(loc="left") for ax in figures[0].axes]
     assert "clean: the demonstrated paths touch no ink" in titles
+
+
+def test_interrupted_run_writes_its_files(command, outputs, monkeypatch):
+    def interrupted(*arguments, **options):
+        for now in advance(*arguments, **options):
+            if now > 0.55:
+                os.kill(os.getpid(), signal.SIGINT)
+            yield now
+
+    monkeypatch.setattr("fmp_drake.apps.wipe.advance", interrupted)
+    report = outputs / "report.json"
+    result = command("wipe", "--headless", "--duration", 30, "--report", report)
+    assert (result.code, result.err) == (130, "fmp-drake: stopped.\n")
+    metrics = json.loads(report.read_text(encoding="utf-8"))
+    assert 0.55 < metrics["simulated_seconds"] < 0.7
+    report.unlink()
+    result = command("wipe", "--headless", "--duration", 30)
+    assert (result.code, result.err.strip()) == (130, "fmp-drake: stopped.")
+    assert "what went wrong" not in result.out
 
 
 def test_three_seconds_write_report_picture_and_page(command, outputs):

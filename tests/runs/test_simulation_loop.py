@@ -128,8 +128,10 @@ def test_pause_stops_the_simulation_and_a_reset_returns_to_the_start(clicks):
         clicks.at[question] = lambda: times.append(simulator.get_context().get_time())
     clicks.at[10] = lambda: clicks.click(RunButtons.RESET)
     clicks.at[15] = lambda: clicks.click(RunButtons.PAUSE)
-    run(simulator, 1.0, meshcat=clicks)
+    yielded = list(advance(simulator, 1.0, meshcat=clicks))
     assert times == pytest.approx([0.6, 0.6, 0.0])
+    # The caller can end a pause.
+    assert yielded.count(pytest.approx(0.6)) > 2
     assert simulator.get_context().get_time() == 1.0
 
 
