@@ -53,6 +53,7 @@ NEAREST = {
     "primitives/test_recorded_files.py",
     "primitives/model/phase/calibration.py": "primitives/test_calibration.py "
     "primitives/test_phase_model.py",
+    "skills/loading.py": "skills/test_placement.py skills/test_surface_placement.py",
     "skills/placement.py": "skills/test_placement.py skills/test_surface_placement.py",
 }
 # Imported once, and not by each mutant.

@@ -27,7 +27,7 @@ from fmp_drake.primitives.data.files import check_writable, write_text
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.skills import learn_skill
 from fmp_drake.skills.description import skill_in_words, source_in_words
-from fmp_drake.skills.placement import load_as_recorded, load_on_board
+from fmp_drake.skills.loading import load_as_recorded, load_on_board
 from fmp_drake.station import Scenario
 from fmp_drake.station.robots.robot import DEFAULT_ROBOT
 

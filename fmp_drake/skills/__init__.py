@@ -2,7 +2,7 @@
 
 from fmp_drake.skills.joint_recording import EraserPath, RobotJoints
 from fmp_drake.skills.learning import default_demonstration, learn_skill, scenario_skill
-from fmp_drake.skills.placement import load_on_board
+from fmp_drake.skills.loading import load_on_board
 
 __all__ = [
     "EraserPath",

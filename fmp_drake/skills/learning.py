@@ -25,7 +25,7 @@ from fmp_drake.primitives.data.channels import (
 from fmp_drake.primitives.data.windows import demonstration_list
 from fmp_drake.primitives.model.mapping import LruCache
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
-from fmp_drake.skills.placement import load_on_board
+from fmp_drake.skills.loading import load_on_board
 from fmp_drake.station import Scenario, models_dir
 
 # Highest frequency of an intended force, Hz. Tremor has 8 to 12 Hz (J. H. McAuley, C.

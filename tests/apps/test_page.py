@@ -15,7 +15,7 @@ from fmp_drake.apps.page import open_page
 from fmp_drake.errors import FmpError
 from fmp_drake.runs.station_run import WipingRun
 from fmp_drake.skills.learning import default_demonstration, learn_skill
-from fmp_drake.skills.placement import load_on_board
+from fmp_drake.skills.loading import load_on_board
 from fmp_drake.station.scenario import LoadScenario
 
 # Share of the picture that is inked board.

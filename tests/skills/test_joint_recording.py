@@ -14,7 +14,8 @@ from fmp_drake.primitives import Demonstration, ReadingOptions
 from fmp_drake.primitives.data.channels import FORCE_COMPONENTS, ROTATION_CHANNELS
 from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.skills import EraserPath, RobotJoints
-from fmp_drake.skills.placement import load_as_recorded, place_on_board
+from fmp_drake.skills.loading import load_as_recorded
+from fmp_drake.skills.placement import place_on_board
 from fmp_drake.station import AddRobot, LoadRobot, Scenario
 
 # Denavit and Hartenberg's parameters (Craig) as Franka publishes them: a, d, alpha.

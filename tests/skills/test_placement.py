@@ -14,12 +14,11 @@ from fmp_drake.errors import DemonstrationError
 from fmp_drake.primitives import Demonstration, ReadingOptions, add_orientation
 from fmp_drake.skills.contact import samples_in_bouts
 from fmp_drake.skills.joint_recording import RobotJoints
+from fmp_drake.skills.loading import load_as_recorded, load_on_board
 from fmp_drake.skills.placement import (
     Placement,
     check_width,
     fit_placement,
-    load_as_recorded,
-    load_on_board,
     place_on_board,
 )
 from fmp_drake.station import Scenario

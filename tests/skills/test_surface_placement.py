@@ -14,7 +14,7 @@ from fmp_drake.primitives.data.channels import POSITION_CHANNELS, ROTATION_CHANN
 from fmp_drake.primitives.data.orientation import as_rotation, skill_rotations
 from fmp_drake.skills.contact import find_contact, touching_samples
 from fmp_drake.skills.learning import learn_skill
-from fmp_drake.skills.placement import load_as_recorded, load_on_board
+from fmp_drake.skills.loading import load_as_recorded, load_on_board
 from fmp_drake.skills.surface_fit import SHAPES, fit_surface
 from fmp_drake.skills.surface_placement import (
     curved_surface_remark,
