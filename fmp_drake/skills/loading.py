@@ -10,7 +10,7 @@ from fmp_drake.primitives import Demonstration, ReadingOptions, read_demonstrati
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
 from fmp_drake.primitives.data.reading.parts import is_part
 from fmp_drake.skills.joint_recording import FindRobotOfInverseRotation
-from fmp_drake.skills.placement import as_poses, place_on_board
+from fmp_drake.skills.placement import as_poses, common_placement, place_on_board
 from fmp_drake.skills.surface_placement import (
     curved_surface_remark,
     extra_options,
@@ -38,7 +38,8 @@ def load_on_board(
     With a `surface`, "fitted" or one of the shapes, it is fitted to the demonstrations, and
     becomes the scenario's board; `extra` is that of `place_on_fitted_surface`. It returns
     the bouts; otherwise a part between start_time and end_time, of `rhythm` as for
-    `find_rhythm`, is placed with the rest of its recording.
+    `find_rhythm`, is placed with the rest of its recording. Recordings of one movement in
+    one frame are placed together, by `common_placement`.
     """
     demonstrations: list[Demonstration] = []
     remarks: list[str] = []
@@ -67,6 +68,10 @@ def load_on_board(
         return demonstrations, [*remarks, *notes]
     loaded = [load_as_recorded([p], stretch=stretch, reading=reading) for p in paths]
     parts = [all(is_part(d.channels, d.units) for d in each) for each, _ in loaded]
+    common = None
+    if transform is None:
+        recorded = [d for each, _ in loaded for d in each]
+        common = common_placement(recorded, scenario=scenario, **rhythm)
     for path, (recordings, notes), is_one in zip(paths, loaded, parts, strict=True):
         remarks += notes
         if is_one and recordings and not all(parts):
@@ -88,6 +93,7 @@ def load_on_board(
                     scenario=scenario,
                     transform=transform,
                     needs_board=needs_board,
+                    placement=common,
                     **rhythm,
                 )
             except DemonstrationError as error:

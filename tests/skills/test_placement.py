@@ -11,7 +11,12 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.primitives import Demonstration, ReadingOptions, add_orientation
+from fmp_drake.primitives import (
+    Demonstration,
+    ReadingOptions,
+    add_orientation,
+    find_rhythm,
+)
 from fmp_drake.skills.contact import samples_in_bouts
 from fmp_drake.skills.joint_recording import RobotJoints
 from fmp_drake.skills.loading import load_as_recorded, load_on_board
@@ -416,3 +421,82 @@ def test_a_drawing_is_placed_on_the_board():
     assert_allclose(placed.values[:, :2], path[:, :2] - (low + high) / 2, atol=1e-9)
     assert np.all(placed.values[:, 2] == 0.0)
     assert remarks[0] == "x and y without z: taken as a drawing on the board"
+
+
+def loaded_thirds(folder, *, shift=(0.0, 0.0, 0.0), frame="base"):
+    """Return three recordings of one movement, the last one shifted, placed, and remarks."""
+    parts = np.split(strokes(count=1800, lift=0.3), 3)
+    recordings = [demonstration(part) for part in parts[:2]]
+    recordings.append(replace(demonstration(parts[2] + shift), frame=frame))
+    paths = [folder / f"{number}.npz" for number in range(3)]
+    for recording, file in zip(recordings, paths, strict=True):
+        recording.save(file)
+    return recordings, *load_on_board(paths, scenario=Scenario())
+
+
+def test_recordings_of_one_movement_in_one_frame_are_placed_together(tmp_path):
+    recordings, placed, remarks = loaded_thirds(tmp_path, shift=(0.01, 0.0, 0.0))
+    union, placed_union = (
+        np.concatenate([each.values[:, :2] for each in part])
+        for part in (recordings, placed)
+    )
+    shift = placed_union - union
+    assert_allclose(shift, np.broadcast_to(shift[0], shift.shape), atol=0.002)
+    middle = (placed_union.min(axis=0) + placed_union.max(axis=0)) / 2
+    assert_allclose(middle, 0, atol=1e-9)
+    assert sum("by the common plane of all recordings" in r for r in remarks) == 3
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"shift": (0.1, 0.0, 0.0)},
+        {"shift": (0.0, 0.0, 0.04)},
+        {"shift": (0.0, 0.0, -0.04)},
+        {"frame": "camera"},
+    ],
+)
+def test_recordings_between_which_the_board_was_moved_are_placed_alone(
+    options, tmp_path
+):
+    recordings, placed, remarks = loaded_thirds(tmp_path, **options)
+    for recording, each in zip(recordings, placed, strict=True):
+        alone, _ = place_on_board(recording, scenario=Scenario())
+        assert np.array_equal(each.values, alone.values)
+    assert not any("common" in remark for remark in remarks)
+
+
+def test_a_recording_of_the_board_is_unchanged_beside_others(tmp_path):
+    recordings, placed, remarks = loaded_thirds(tmp_path, frame="board")
+    assert np.array_equal(placed[2].values, recordings[2].values)
+    assert sum("the common plane" in remark for remark in remarks) == 2
+
+
+def test_recorded_joints_are_placed_together(tmp_path):
+    posture = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
+    time = np.arange(400) / 20
+    swing = [0.3, 0.1, 0, 0.1, 0, 0, 0] * np.sin(time[:, None] + [0, 1, 0, 1, 0, 0, 0])
+    joints = Demonstration(
+        time=time,
+        values=posture + swing * np.linspace(1.0, 1.05, 400)[:, None],
+        channels=tuple(f"panda_joint{i}" for i in range(1, 8)),
+        units=("rad",) * 7,
+    )
+    paths = [tmp_path / "one.npz", tmp_path / "two.npz"]
+    for file, rows in zip(paths, (slice(200), slice(200, 400)), strict=True):
+        joints.rows(np.arange(400)[rows]).save(file)
+    _, remarks = load_on_board(paths, scenario=Scenario())
+    assert sum("the common plane" in remark for remark in remarks) == 2
+
+
+def test_two_real_recordings_of_one_cycle_each_are_joined(
+    real_demonstration_paths, tmp_path
+):
+    whole = Demonstration.load(real_demonstration_paths["drums_03"])
+    paths = [tmp_path / "one.npz", tmp_path / "two.npz"]
+    for file, rows in zip(paths, np.split(np.arange(1000), 2), strict=True):
+        whole.rows(rows).save(file)
+    recordings, _ = load_on_board(paths, scenario=Scenario())
+    rhythm = find_rhythm(recordings)
+    assert rhythm.cycles == pytest.approx(2, abs=0.1)
+    assert rhythm.period == pytest.approx(5, abs=0.1)
