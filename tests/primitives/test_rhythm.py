@@ -768,6 +768,43 @@ def test_slow_laps_are_found_and_played(strokes, seconds):
     assert gaps.max() < 0.02
 
 
+def spirals(laps):
+    """Return laps (n, 2), m, of a spiral inwards and outwards, of unequal length."""
+    rng = np.random.default_rng(3)
+    paths = []
+    for _ in range(laps):
+        u = np.linspace(0, 1, int(240 * rng.uniform(0.93, 1.07)), endpoint=False)
+        inwards = np.abs(2 * u - 1)
+        radius, angle = 0.15 * (0.1 + 0.9 * inwards), 8 * np.pi * inwards
+        path = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+        paths.append(path * rng.uniform(0.97, 1.03) + rng.normal(0, 0.003, 2))
+    return gaussian_filter1d(np.concatenate(paths), 2.0, axis=0)
+
+
+def circles_there_and_back(laps):
+    """Return laps (n, 2), m, of 16 small circles along a line and back."""
+    rng = np.random.default_rng(2)
+    paths = []
+    for _ in range(laps):
+        u = np.linspace(0, 1, int(240 * rng.uniform(0.93, 1.07)), endpoint=False)
+        angle, place = 32 * np.pi * u, 0.3 * (1 - np.abs(2 * u - 1))
+        path = np.column_stack([place + 0.05 * np.cos(angle), 0.05 * np.sin(angle)])
+        paths.append(path + rng.normal(0, 0.003, 2))
+    return gaussian_filter1d(np.concatenate(paths), 2.0, axis=0)
+
+
+@pytest.mark.parametrize("laps", [2, 4])
+@pytest.mark.parametrize("movement", [spirals, circles_there_and_back])
+def test_laps_of_many_strokes_are_the_cycles(movement, laps):
+    path = movement(laps)
+    found = find_rhythm(demonstration(path))
+    assert found.cycles == pytest.approx(laps, abs=0.15)
+    skill = FourierMovementPrimitive().fit(demonstration(path))
+    played = Player(skill).rollout(path[0], 30.0).position
+    gaps = np.linalg.norm(path[::5, None] - played, axis=2).min(axis=1)
+    assert np.mean(gaps > 0.02) < 0.05
+
+
 def test_one_lap_of_strokes_beside_one_another_is_one_cycle():
     for strokes, seconds in ((8, 30), (8, 45), (11, 15)):
         path = raster(strokes, seconds)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fmp_drake.numeric import Array, Indices, Mask, runs
-from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.cycle import Cycle, harmonics_of
 from fmp_drake.primitives.model.phase.period import SIMILAR, similarity
 from fmp_drake.primitives.model.phase.segmentation import (
     FORWARDS,
@@ -96,7 +96,7 @@ class Attempt(NamedTuple):
             )
             if 0 < sum(map(len, bouts)) < sum(map(len, recordings)):
                 # Without other parts, the phase begins where one of the cycles does.
-                harmonics = max(1, min(_HARMONICS, int(period / 2 - 2)))
+                harmonics = harmonics_of(period, _HARMONICS)
                 cycle = Cycle.fit(phases, bouts, harmonics=harmonics)
         if max(map(len, bouts), default=0) < period + 1:
             if not is_known:

@@ -15,6 +15,8 @@ FEW_CYCLES = 12.0
 """Number of cycles below which less is estimated, and recordings count less at their ends."""
 ONE_CYCLE = 1.001
 """Greatest number of cycles, but for rounding, of a recording that is one closed cycle."""
+# Samples for each harmonic of a long cycle.
+_SAMPLES_PER_HARMONIC = 12
 # Phase in which the weight of samples rises from 0 at an end of a recording, rad.
 _RAMP = np.pi
 
@@ -150,6 +152,12 @@ class CycleHistory:
         count = np.arange(len(self.shifts)) - (len(self.shifts) - 1) / 2
         spread = max(float(count @ count), 1.0)
         return count @ self.shifts / spread * (len(count) - 1)
+
+
+def harmonics_of(period: float, usual: int) -> int:
+    """Return the harmonics of a cycle: the usual number, more for long ones of many strokes."""
+    most = max(usual, period / _SAMPLES_PER_HARMONIC)
+    return max(1, int(min(most, period / 2 - 2)))
 
 
 def count_cycles(phases: Sequence[Array]) -> float:

@@ -56,6 +56,8 @@ from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 
 # Misfit of a shorter period relative to the best, up to which it is preferred.
 _MISFIT_RATIO = 4.0
+# Least period of a cycle of several strokes, relative to that of the strokes.
+_LONGER = 1.5
 # Greatest relative difference between candidates that count as equal, between a candidate
 # and an attempt that makes it superfluous, and between estimates that confirm each other.
 _SAME, _SIMILAR, _NEAR = 0.05, 0.15, 0.25
@@ -74,8 +76,8 @@ _FEWER_CHANNELS = 0.75
 # it differs from cycle to cycle.
 _IRREGULAR = 0.5
 # Most harmonics of a cycle that was recorded once, and samples for each: with more it plays
-# what its straight end leaves unexplained.
-_HARMONICS, _SAMPLES = 20, 10
+# what its straight end leaves unexplained. Long cycles have more.
+_HARMONICS, _SAMPLES, _LONG = 20, 10, 20
 # Units of the channels that are searched separately, in this order.
 _MOTION_UNITS = ("m", "rad")
 
@@ -315,7 +317,8 @@ def _one_cycle(
     if period is not None and abs(len(values) / (period * rate) - 1) > _NEAR:
         return None
     phase = np.linspace(0.0, 2 * np.pi, len(values))
-    harmonics = max(1, min(_HARMONICS, len(values) // _SAMPLES))
+    most = max(_HARMONICS, len(values) // _LONG)
+    harmonics = max(1, min(most, len(values) // _SAMPLES))
     track = PhaseTrack(
         recordings=[values],
         phases=[phase],
@@ -375,10 +378,14 @@ def _best_attempt(
     acceptable = [a for a in attempts if not a.objection(limits)]
     best = min(acceptable, key=Attempt.cost, default=None)
     if not is_known and not (best and best.is_clear):
-        few = _attempt_of_few_cycles(recordings)
-        # One stroke of a few cycles repeats more often, but less exactly than they do.
-        if few and (best is None or _MISFIT_RATIO * few.cost(best) < best.cost(few)):
-            acceptable, limits = [few], ALIGNED
+        least = [0.0] if best is None else [0.0, _LONGER * best.track.period]
+        for shortest in least:
+            few = _attempt_of_few_cycles(recordings, shortest)
+            # One stroke of a few cycles repeats more often, but less exactly than they do.
+            if few and (
+                best is None or _MISFIT_RATIO * few.cost(best) < best.cost(few)
+            ):
+                best, acceptable, limits = few, [few], ALIGNED
     if not acceptable:
         limits = ALIGNED if is_known else LENIENT
         acceptable = [a for a in attempts if not a.objection(limits)]
@@ -410,9 +417,11 @@ def _best_attempt(
     return best, limits
 
 
-def _attempt_of_few_cycles(recordings: Sequence[Array]) -> Attempt | None:
+def _attempt_of_few_cycles(
+    recordings: Sequence[Array], shortest: float
+) -> Attempt | None:
     """Return the attempt with the period of the best alignment, unless it is refused."""
-    period = aligned_period(recordings)
+    period = aligned_period(recordings, shortest=shortest)
     attempt = Attempt.of(recordings, period) if period else None
     return attempt if attempt and not attempt.objection(ALIGNED) else None
 

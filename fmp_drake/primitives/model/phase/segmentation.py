@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from fmp_drake.numeric import Array, Indices, Mask, runs
-from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.cycle import Cycle, harmonics_of
 from fmp_drake.primitives.model.phase.period import window_sums
 from fmp_drake.primitives.model.phase.tracking import (
     FASTEST,
@@ -146,7 +146,7 @@ class _Segmenter(NamedTuple):
         ]
         points, rates = np.split(np.concatenate(states), 2, axis=1)
         angles = np.concatenate([p[m] for p, m in zip(phases, masks, strict=True)])
-        harmonics = max(1, min(_HARMONICS, int(period / 2 - 2)))
+        harmonics = harmonics_of(period, _HARMONICS)
         cycle = Cycle.fit([angles], [points], harmonics=harmonics)
         nodes = _cycle_states(cycle, angles, step * velocity)
         errors = [

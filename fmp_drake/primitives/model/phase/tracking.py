@@ -15,6 +15,7 @@ from fmp_drake.primitives.model.phase.cycle import (
     Cycle,
     CycleHistory,
     count_cycles,
+    harmonics_of,
 )
 
 Recordings = Sequence[Array]
@@ -158,7 +159,7 @@ def track_phase(
     """
     if cycle is None:
         (cycle,) = first_cycles(recordings, period, most=1)
-    most = max(1, int(min(_HARMONICS[1], period / 2 - 2)))
+    most = harmonics_of(period, _HARMONICS[1])
     velocity = 2 * np.pi / period
     has_few_cycles = sum(map(len, recordings)) < FEW_CYCLES * period
     change = _CHANGE_OF_FEW if has_few_cycles else CHANGE
@@ -206,7 +207,7 @@ def first_cycles(recordings: Recordings, period: float, *, most: int) -> list[Cy
     )
     typical_distance = np.median(distance.min(axis=1), axis=0)
     phase = 2 * np.pi * np.arange(float(size)) / period
-    harmonics = max(1, min(_HARMONICS[0], size // 2 - 2))
+    harmonics = harmonics_of(size, _HARMONICS[0])
     cycles: list[Cycle] = []
     while len(cycles) < most and np.isfinite(typical_distance).any():
         best = int(np.argmin(typical_distance))
