@@ -817,6 +817,26 @@ def test_one_lap_of_strokes_beside_one_another_is_one_cycle():
         find_rhythm(demonstration(there))
 
 
+@pytest.mark.parametrize("lift", [0.0, 0.05])
+def test_one_lap_between_approach_and_retreat_is_one_cycle(lift):
+    flat = raster(5, 12)
+    heights = lift * np.clip(12 * np.sin(np.linspace(0, 6 * np.pi, len(flat))), 0, 1)
+    lap = np.column_stack([flat, heights])
+    home, end = lap[0] + [-0.1, 0.05, 0.2], lap[-1] + [-0.08, 0.1, 0.22]
+    approach, retreat = eased(home, lap[0], 24), eased(lap[-1], end, 24)
+    rests = np.repeat([home], 15, axis=0), np.repeat([end], 15, axis=0)
+    path = np.concatenate([rests[0], approach, lap, retreat, rests[1]])
+    path += gaussian_filter1d(
+        np.random.default_rng(0).normal(0, 2e-3, path.shape), 2, axis=0
+    )
+    found = find_rhythm(demonstration(path))
+    assert found.is_one_cycle
+    (bout,) = found.bouts
+    assert bout.start == pytest.approx(39 / RATE, abs=0.5)
+    assert bout.end == pytest.approx((39 + len(lap)) / RATE, abs=0.5)
+    assert [part.kind for part in found.left_out] == ["approach", "retreat"]
+
+
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_one_real_cycle_is_repeated_and_predicts_the_others(
     number, real_demonstration_paths

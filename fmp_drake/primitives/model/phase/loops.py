@@ -15,6 +15,9 @@ from fmp_drake.primitives.model.phase.rhythm import Part
 _CLOSED, _STEPS, _MOST_OPEN = 0.3, 3.0, 0.7
 # Last part of a recording in which one cycle may close.
 _LAST_PART = 0.3
+# Spread of a movement in a direction in which it is thin, relative to its greatest, and distance
+# from it in such a direction where it ends, relative to its size.
+_THIN, _AWAY = 0.35, 0.15
 # Pauses at an end that are not reported: relative to the remainder of the recording, samples.
 _SHORT, _FEW = 0.1, 2
 
@@ -93,7 +96,7 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
     for before, loop in pairwise(loops):
         gap = loop[0] - before[-1]
         distance = float(np.linalg.norm(gap[columns]))
-        if distance > max(_CLOSED * size, min(_STEPS * step, _MOST_OPEN * size)):
+        if distance > _largest_gap(size, step):
             return None
         count = round(distance / step)
         if not count:
@@ -117,7 +120,7 @@ def closed_cycle(recording: Array, columns: list[int]) -> tuple[Array, int, int]
 
     Its end is that of the recording. Where that is elsewhere because the recording goes on as
     it began, it is the sample that is nearest to the beginning. Long pauses at the ends are
-    left out. Distances are measured in `columns`.
+    left out, and approach and retreat. Distances are measured in `columns`.
 
     Returns
     -------
@@ -127,14 +130,56 @@ def closed_cycle(recording: Array, columns: list[int]) -> tuple[Array, int, int]
         Its first sample in the recording, and the one after its last.
     """
     path = recording[:, columns]
-    size, step = _size_and_step([path])
+    _, step = _size_and_step([path])
     rests = _end_of_rest(path, step), _end_of_rest(path[::-1], step)
     moving = len(path) - sum(rests)
     first, rest = (n if _is_long(n, moving) else 0 for n in rests)
-    after = len(path) - rest
+    whole = slice(first, len(path) - rest)
+    if whole.stop - whole.start < 2:
+        return None
+    inner = _without_approach(path, whole)
+    for part in (inner, whole):
+        if part is not None and (after := _end_of_cycle(path, part)) is not None:
+            values = recording[part.start : after]
+            gap = float(np.linalg.norm(path[after - 1] - path[part.start]))
+            count = round(gap / step)
+            line = np.linspace(values[-1], values[0], max(count, 1) + 1)[1:]
+            # Without a distance, end and beginning are one sample.
+            cycle = np.concatenate([values if count else values[:-1], line])
+            return cycle, part.start, after
+    return None
+
+
+def _without_approach(path: Array, part: slice) -> slice | None:
+    """Return a part of a path (n, D) without approach and retreat; None without these.
+
+    They lead away from the movement in a direction in which its middle is thin: from the
+    plane of a board. They take at most half of the path.
+    """
+    values = path[part]
+    quarter = len(values) // 4
+    middle = values[quarter : len(values) - quarter]
+    centre = middle.mean(axis=0)
+    spreads, axes = np.linalg.svd(middle - centre, full_matrices=False)[1:]
+    thin = axes[spreads < _THIN * spreads[0]]
+    heights = np.abs((values - centre) @ thin.T)
+    size, _ = _size_and_step([middle])
+    most = np.abs((middle - centre) @ thin.T).max(axis=0) + _AWAY * size
+    away = np.flatnonzero(np.any(heights > most, axis=1))
+    if not len(away):
+        return None
+    half = len(values) // 2
+    first = int(np.max(away[away < half], initial=-1)) + 1
+    after = int(np.min(away[away >= half], initial=len(values)))
+    return slice(part.start + first, part.start + after)
+
+
+def _end_of_cycle(path: Array, part: slice) -> int | None:
+    """Return the sample after a cycle that is a part of a path (n, D), or its beginning."""
+    first, after = part.start, part.stop
     if after - first < 2:
         return None
-    near = _CLOSED * size
+    near = _largest_gap(*_size_and_step([path[part]]))
     distances = np.linalg.norm(path[:after] - path[first], axis=1)
     if distances[-1] > near:
         last_part = after - round(_LAST_PART * (after - first))
@@ -143,13 +188,7 @@ def closed_cycle(recording: Array, columns: list[int]) -> tuple[Array, int, int]
         if np.any(KDTree(begin).query(path[end:after])[0] > near):
             return None
         after = end
-    distance = float(distances[after - 1])
-    if distance > near:
-        return None
-    values, count = recording[first:after], round(distance / step)
-    line = np.linspace(values[-1], values[0], max(count, 1) + 1)[1:]
-    # Without a distance, end and beginning are one sample.
-    return np.concatenate([values if count else values[:-1], line]), first, after
+    return after if distances[after - 1] <= near else None
 
 
 def _size_and_step(paths: Sequence[Array]) -> tuple[float, float]:
@@ -157,6 +196,11 @@ def _size_and_step(paths: Sequence[Array]) -> tuple[float, float]:
     size = float(np.sqrt(np.concatenate(paths).var(axis=0).sum()))
     steps = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in paths]
     return size, max(float(np.median(np.concatenate(steps))), 1e-12)
+
+
+def _largest_gap(size: float, step: float) -> float:
+    """Return the greatest distance between the end of a cycle and the next beginning."""
+    return max(_CLOSED * size, min(_STEPS * step, _MOST_OPEN * size))
 
 
 def _is_long(rest: int, moving: int) -> bool:
