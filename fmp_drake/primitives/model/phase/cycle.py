@@ -156,7 +156,7 @@ class CycleHistory:
 
 def harmonics_of(period: float, usual: int) -> int:
     """Return the harmonics of a cycle: the usual number, more for long ones of many strokes."""
-    most = max(usual, period / _SAMPLES_PER_HARMONIC)
+    most = max(usual, period / _SAMPLES_PER_HARMONIC - 2)
     return max(1, int(min(most, period / 2 - 2)))
 
 
