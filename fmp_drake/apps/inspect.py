@@ -60,7 +60,8 @@ def inspect(
     positions = [file for file, d in loaded if not is_part(d.channels, d.units)]
     if 0 < len(positions) < len(loaded):  # The others are added to these.
         joined, _ = read_demonstrations(files, reading)
-        loaded = list(zip(positions, joined, strict=False))
+        if len(joined) == len(positions):  # Saved recordings are not added.
+            loaded = list(zip(positions, joined, strict=True))
     for file, demonstration in loaded:
         note = demonstration.note or "as it is"
         console.print(f"{file}: {note}", soft_wrap=True)

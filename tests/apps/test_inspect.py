@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 import recorded_files as files
 
+from fmp_drake import Demonstration
+from fmp_drake.primitives.data.channels import FORCE_COMPONENTS
+
 
 def test_five_lines_and_a_picture_describe_a_recording(command, make_npz, outputs):
     plot = outputs / "d.png"
@@ -37,6 +40,17 @@ def test_cycles_of_several_recordings_are_those_of_their_paths(command, tmp_path
     out = command("inspect", *paths).out
     assert "together: " in out
     assert "drifts" not in out
+
+
+def test_a_saved_force_beside_a_position_hides_none_of_them(command, tmp_path):
+    time, saved = files.TIME, tmp_path / "force.npz"
+    force = Demonstration(
+        time=time, values=files.FORCE, channels=FORCE_COMPONENTS, units=("N",) * 3
+    )
+    force.save(saved)
+    out = command("inspect", saved, files.write(tmp_path, files.xyz()).path).out
+    assert re.search(r"force.npz: .*\n  channels: force_x, force_y, force_z", out)
+    assert re.search(r"csv: .*\n  channels: x, y, z \(m\)", out)
 
 
 def test_gaps_are_reported_and_not_bridged(command, make_npz):
