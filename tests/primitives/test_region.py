@@ -83,6 +83,23 @@ def test_only_channels_in_metres_count():
         DemonstratedRegion(forces, MARGIN)
 
 
+def test_range_of_other_channels_does_not_grow_with_rotations():
+    units = ("m", "m", "m", "rad", "rad", "rad")
+    skill = rotated = learned(wandering(60, 1, units), scales=np.ones(6))
+    for _ in range(8):
+        rotated = transform_space(
+            rotated,
+            rotation=Rotation.from_rotvec([0, 0, np.pi / 4]),
+            channels=skill.channels_[3:],
+        )
+    outside = skill.paths_[0][:1] + np.array([0, 0, 0, 5.0, 0, 0])
+    ratios = [
+        DemonstratedRegion(s, MARGIN).largest_ratio(outside) for s in (skill, rotated)
+    ]
+    assert ratios[0] > 2
+    assert_allclose(ratios[1], ratios[0], rtol=1e-6)
+
+
 @pytest.mark.parametrize("margin", [0, -0.1, np.nan, "wide"])
 def test_margin_out_of_range_is_refused(skill, margin):
     with pytest.raises(SkillError, match=r"margin is .*must be positive"):

@@ -8,6 +8,7 @@ from scipy.spatial import KDTree
 
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import Array, as_floats, check_number
+from fmp_drake.primitives.data.windows import extent_of
 
 if TYPE_CHECKING:
     from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
@@ -77,7 +78,8 @@ class DemonstratedRegion:
             )
         self.margin = float(margin)
         self._other_channels = [i for i, unit in enumerate(skill.units_) if unit != "m"]
-        low, high = skill.extent_[:, self._other_channels]
+        # Not `extent_`, which grows with each rotation of a skill.
+        low, high = extent_of(skill.paths_)[:, self._other_channels]
         self._middle = (low + high) / 2
         self._most = np.maximum((1 + _AUTOMATIC) * (high - low) / 2, _LEAST_RANGE)
         paths = [path[:, self._channels] for path in skill.paths_]
