@@ -805,6 +805,29 @@ def test_laps_of_many_strokes_are_the_cycles(movement, laps):
     assert np.mean(gaps > 0.02) < 0.05
 
 
+def strokes_there_and_back(cycles, period, strokes):
+    """Return cycles (n, 2), m, of short strokes whose centre moves away and back."""
+    time = np.arange(round(20 * cycles * period)) / 20
+    phase = 2 * np.pi * time / period
+    away = 0.1 * (1 - np.cos(2 * np.pi * time / time[-1]))
+    return np.column_stack([0.12 * np.sin(strokes * phase) + away, 0.1 * np.sin(phase)])
+
+
+def test_one_lap_keeps_its_short_strokes():
+    path = strokes_there_and_back(10, 2.3, 4)
+    skill = FourierMovementPrimitive().fit(demonstration(path))
+    assert skill.rhythm_.is_one_cycle
+    # The first window of 12 s leads from rest to 1 m/s.
+    played = Player(skill).rollout(path[0], 52.0).position[240:]
+    lengths = [np.abs(np.diff(y, axis=0)).sum() for y in (path, played)]
+    assert lengths[1] / 40 == pytest.approx(lengths[0] / 23, rel=0.2)
+
+
+def test_hundreds_of_cycles_whose_centre_returns_are_not_one_lap():
+    found = find_rhythm(demonstration(strokes_there_and_back(200, 2.0, 1)))
+    assert not found.is_one_cycle
+
+
 def test_one_lap_of_strokes_beside_one_another_is_one_cycle():
     for strokes, seconds in ((8, 30), (8, 45), (11, 15)):
         path = raster(strokes, seconds)

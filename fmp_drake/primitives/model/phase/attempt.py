@@ -34,7 +34,7 @@ CLEAR_MISFIT = 0.015
 STRICT, ALIGNED, LENIENT = Limits(4.0, 0.05), Limits(1.25, 0.15), Limits(3.0, 0.1)
 # Fraction of the variance that slow displacements of the centre may take, above which strokes
 # may be beside one another, and below which no other period is tried. Real cycles: up to 0.05.
-_MOST_SHIFTED, WANDERING, _STEADY = 0.5, 0.2, 0.05
+_MOST_SHIFTED, WANDERING, _STEADY = 0.5, 0.3, 0.05
 # Bounds of the mean phase velocity relative to its initial estimate.
 _VELOCITIES = (0.6, 1.6)
 # Shortest bout, samples.

@@ -56,8 +56,6 @@ from fmp_drake.primitives.model.phase.tracking import PhaseTrack
 
 # Misfit of a shorter period relative to the best, up to which it is preferred.
 _MISFIT_RATIO = 4.0
-# Least period of a cycle of several strokes, relative to that of the strokes.
-_LONGER = 1.5
 # Greatest relative difference between candidates that count as equal, between a candidate
 # and an attempt that makes it superfluous, and between estimates that confirm each other.
 _SAME, _SIMILAR, _NEAR = 0.05, 0.15, 0.25
@@ -78,6 +76,11 @@ _IRREGULAR = 0.5
 # Most harmonics of a cycle that was recorded once, and samples for each: with more it plays
 # what its straight end leaves unexplained. Long cycles have more.
 _HARMONICS, _SAMPLES, _LONG = 20, 10, 20
+# Harmonics of the longest cycles; more take gigabytes.
+_MOST_HARMONICS = 400
+# Most strokes in one closed cycle, for each of which a phase model has two of its 80
+# components, and most samples: longer recordings may end where they begin by chance.
+_MOST_STROKES, _LONGEST_LAP = 40, 3600
 # Units of the channels that are searched separately, in this order.
 _MOTION_UNITS = ("m", "rad")
 
@@ -270,7 +273,7 @@ def _search_or_join(
         if found is None:
             raise
         return found
-    if tracked.track.shifted > WANDERING:
+    if _has_strokes_of_lap(tracked.track):
         found = _one_cycle(recordings, columns, rate, period)
         if found:
             return found
@@ -317,19 +320,33 @@ def _one_cycle(
     if period is not None and abs(len(values) / (period * rate) - 1) > _NEAR:
         return None
     phase = np.linspace(0.0, 2 * np.pi, len(values))
-    most = max(_HARMONICS, len(values) // _LONG)
-    harmonics = max(1, min(most, len(values) // _SAMPLES))
-    track = PhaseTrack(
-        recordings=[values],
-        phases=[phase],
-        shifts=[np.zeros_like(values)],
-        cycle=Cycle.fit([phase], [values], harmonics=harmonics),
-    )
+    track = _track_of_cycle(phase, values, max(_HARMONICS, len(values) // _LONG))
+    if track.unexplained > CLEAR_MISFIT:  # It has short strokes.
+        track = _track_of_cycle(phase, values, len(values) // _SAMPLES)
     label = np.full(len(recordings[0]), OUTSIDE)
     label[first:after] = FORWARDS
     rhythm = rhythm_of_labels(recordings, [label], track, [first], rate)
     tracked = TrackedRhythm(rhythm, track, recordings, np.inf)
     return tracked, _parts(tracked)
+
+
+def _has_strokes_of_lap(track: PhaseTrack) -> bool:
+    """Return whether its cycles may be strokes beside one another, in one closed cycle."""
+    samples = sum(map(len, track.recordings))
+    is_short = track.cycles <= _MOST_STROKES and samples <= _LONGEST_LAP
+    return track.shifted > WANDERING and is_short
+
+
+def _track_of_cycle(phase: Array, values: Array, harmonics: int) -> PhaseTrack:
+    """Return the track of one cycle of values (n, D) at phases (n,)."""
+    most = min(_MOST_HARMONICS, len(values) // _SAMPLES)
+    harmonics = max(1, min(harmonics, most))
+    return PhaseTrack(
+        recordings=[values],
+        phases=[phase],
+        shifts=[np.zeros_like(values)],
+        cycle=Cycle.fit([phase], [values], harmonics=harmonics),
+    )
 
 
 def _is_better(without: TrackedRhythm, with_pauses: TrackedRhythm) -> bool:
@@ -378,22 +395,18 @@ def _best_attempt(
     acceptable = [a for a in attempts if not a.objection(limits)]
     best = min(acceptable, key=Attempt.cost, default=None)
     if not is_known and not (best and best.is_clear):
-        least = [0.0] if best is None else [0.0, _LONGER * best.track.period]
-        for shortest in least:
-            few = _attempt_of_few_cycles(recordings, shortest)
-            # One stroke of a few cycles repeats more often, but less exactly than they do.
-            if few and (
-                best is None or _MISFIT_RATIO * few.cost(best) < best.cost(few)
-            ):
-                best, acceptable, limits = few, [few], ALIGNED
+        few = _attempt_of_few_cycles(recordings)
+        # One stroke of a few cycles repeats more often, but less exactly than they do.
+        if few and (best is None or _MISFIT_RATIO * few.cost(best) < best.cost(few)):
+            acceptable, limits = [few], ALIGNED
     if not acceptable:
         limits = ALIGNED if is_known else LENIENT
         acceptable = [a for a in attempts if not a.objection(limits)]
     if not acceptable:
         refused = [a for a in attempts if a.track.cycles >= limits.cycles]
         if refused:
-            is_steady = all(a.track.shifted <= WANDERING for a in refused)
-            kind = DemonstrationError if is_steady else _NoSteadyCycleError
+            is_lap = any(_has_strokes_of_lap(a.track) for a in refused)
+            kind = _NoSteadyCycleError if is_lap else DemonstrationError
             raise kind(refused[0].objection(limits))
         raise _NoSteadyCycleError(
             "no part of it recurs in another cycle; record at least two full cycles"
@@ -417,11 +430,9 @@ def _best_attempt(
     return best, limits
 
 
-def _attempt_of_few_cycles(
-    recordings: Sequence[Array], shortest: float
-) -> Attempt | None:
+def _attempt_of_few_cycles(recordings: Sequence[Array]) -> Attempt | None:
     """Return the attempt with the period of the best alignment, unless it is refused."""
-    period = aligned_period(recordings, shortest=shortest)
+    period = aligned_period(recordings)
     attempt = Attempt.of(recordings, period) if period else None
     return attempt if attempt and not attempt.objection(ALIGNED) else None
 

@@ -48,22 +48,16 @@ class Alignment(NamedTuple):
     period: float
 
 
-def aligned_period(
-    recordings: Sequence[Array], *, shortest: float = 0.0
-) -> float | None:
+def aligned_period(recordings: Sequence[Array]) -> float | None:
     """Return the period, in samples, of the best alignment of recordings (n, D).
 
-    About a fifth of a cycle must recur, more in long recordings; None if less does, or
-    only with a lag below `shortest`.
+    About a fifth of a cycle must recur, more in long recordings; None if less does.
     """
     alignments = [
         alignment
         for y in recordings
         for alignment in self_alignments(
-            y,
-            max(shortest, _SHORTEST_LAG),
-            min(_LONGEST_LAG, len(y) / _LEAST_CYCLES),
-            most=1,
+            y, _SHORTEST_LAG, min(_LONGEST_LAG, len(y) / _LEAST_CYCLES), most=1
         )
     ]
     if not alignments:
