@@ -196,15 +196,15 @@ def _board_rows(m: Mapping[str, Any]) -> dict[str, str]:
     ]
     spots = count_text(m["missed_spots"], "spot")
     remainder = f"{m['missed_area_cm2']:.0f} cm² left in {spots}"
-    cleaned = {
-        "cleaned": f"{100 * m['cleaned_fraction']:.1f} % of the board, "
-        f"{100 * m['cleaned_fraction_of_demonstrated_area']:.1f} % of the "
-        "demonstrated area",
-        "time to clean": ", ".join([*times, remainder]),
-    }
+    board = f"{100 * m['cleaned_fraction']:.1f} % of the board"
     if m["seconds_to_99_percent"] == 0:  # An area with ink takes some time.
-        fraction, _ = cleaned["cleaned"].split(",")
-        cleaned = {"cleaned": f"{fraction}; the demonstrated paths touch no ink"}
+        cleaned = {"cleaned": f"{board}; the demonstrated paths touch no ink"}
+    else:
+        area = f"{100 * m['cleaned_fraction_of_demonstrated_area']:.1f} %"
+        cleaned = {
+            "cleaned": f"{board}, {area} of the demonstrated area",
+            "time to clean": ", ".join([*times, remainder]),
+        }
     return cleaned | {
         "normal force": f"{m['normal_force_mean_n']:.1f} N (90 % between "
         f"{m['normal_force_p05_n']:.1f} and {m['normal_force_p95_n']:.1f} N), "

@@ -166,10 +166,9 @@ def common_placement(
 ) -> Placement | None:
     """Return one placement for recordings of one movement in one frame.
 
-    It is fitted to the samples of all recordings together. The board was moved between
-    them, and there is no common placement, if the union of the paths is more than 10 %
-    wider than the widest path, or if the tool touches the common plane for a much shorter
-    time than the separate planes.
+    It is fitted to the samples of all recordings together. A board that was moved between
+    them shows in paths that are together more than 10 % wider than the widest one, or in
+    much less contact with the common plane than with the separate planes.
 
     Parameters
     ----------
@@ -184,7 +183,7 @@ def common_placement(
     -------
     Placement or None
         None where there are fewer than two recordings, where they do not share frame
-        and movement, or where one of them cannot be placed.
+        and movement, where the board was moved, or where one cannot be placed.
     """
     usable, paths = _usable(scenario), list[Demonstration]()
     try:

@@ -158,13 +158,14 @@ def _without_approach(path: Array, part: slice) -> slice | None:
     """
     values = path[part]
     quarter = len(values) // 4
-    middle = values[quarter : len(values) - quarter]
+    inside = slice(quarter, len(values) - quarter)
+    middle = values[inside]
     centre = middle.mean(axis=0)
     spreads, axes = np.linalg.svd(middle - centre, full_matrices=False)[1:]
     thin = axes[spreads < _THIN * spreads[0]]
     heights = np.abs((values - centre) @ thin.T)
     size, _ = _size_and_step([middle])
-    most = np.abs((middle - centre) @ thin.T).max(axis=0) + _AWAY * size
+    most = heights[inside].max(axis=0) + _AWAY * size
     away = np.flatnonzero(np.any(heights > most, axis=1))
     if not len(away):
         return None

@@ -18,8 +18,10 @@ _FIRST_PEAKS = 3
 SIMILAR = 0.55
 # Variance of a segment, relative to the recording, below which it is at rest.
 _LEAST_ENERGY = 0.02
-# Range of lags, samples, and their relative step.
-_SHORTEST_LAG, _LONGEST_LAG, _LAG_STEP = 8, 1200, 0.02
+SHORTEST_LAG, LONGEST_LAG = 8, 1200
+"""Bounds of the lags at which recordings are compared with themselves, samples."""
+# Relative step of lags.
+_LAG_STEP = 0.02
 # Fraction of the spectrum below the cutoff of the filter before resampling.
 _BAND = 0.8
 # Score of a candidate relative to the best.
@@ -106,7 +108,7 @@ def possible_periods(recordings: Sequence[Array]) -> list[float]:
     periods = [period]
     for other in sorted([*first_peaks, period / 3, period / 2, 2 * period, 3 * period]):
         is_new = all(abs(other - p) > 0.05 * p for p in periods)
-        if is_new and _SHORTEST_LAG <= other <= longest:
+        if is_new and SHORTEST_LAG <= other <= longest:
             periods.append(other)
     return periods
 
@@ -210,11 +212,11 @@ def local_periods(recordings: Sequence[Array]) -> list[float]:
     They are found from similar neighbouring segments, so other parts of a recording,
     such as an approach, a pause or another bout, do not matter.
     """
-    longest = min(_LONGEST_LAG, max(map(len, recordings)) // 2)
-    if longest < _SHORTEST_LAG + 2:
+    longest = min(LONGEST_LAG, max(map(len, recordings)) // 2)
+    if longest < SHORTEST_LAG + 2:
         return []
-    count = int(np.log(longest / _SHORTEST_LAG) / np.log(1 + _LAG_STEP)) + 2
-    lags = np.unique(np.geomspace(_SHORTEST_LAG, longest, count).astype(int))
+    count = int(np.log(longest / SHORTEST_LAG) / np.log(1 + _LAG_STEP)) + 2
+    lags = np.unique(np.geomspace(SHORTEST_LAG, longest, count).astype(int))
     scores = np.zeros(len(lags))
     for i, lag in enumerate(lags.tolist()):
         for y in recordings:

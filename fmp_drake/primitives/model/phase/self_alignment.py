@@ -7,7 +7,11 @@ import numpy as np
 
 from fmp_drake.compiled import compiled
 from fmp_drake.numeric import Array, Indices, Mask
-from fmp_drake.primitives.model.phase.period import window_sums
+from fmp_drake.primitives.model.phase.period import (
+    LONGEST_LAG,
+    SHORTEST_LAG,
+    window_sums,
+)
 
 # Squared distance, relative to the variance of the states in one lag, up to which states are
 # similar, and the cost of a change of the lag by one sample; a sample at the mean speed gains
@@ -17,8 +21,8 @@ _SIMILAR, _CHANGE_COST = 0.2, 0.5
 _LEAST_GAIN, _MOST_SPEED = -5.0, 2.0
 # Lag relative to half the interval of a difference quotient.
 _LAGS_PER_STEP = 24
-# Bounds of the lag, samples, and the least number of cycles in a recording.
-_SHORTEST_LAG, _LONGEST_LAG, _LEAST_CYCLES = 8, 1200, 1.25
+# Least number of cycles in a recording.
+_LEAST_CYCLES = 1.25
 # Most pairs of samples that are compared; they take a gigabyte.
 _MOST_PAIRS = 1.2e8
 # Greatest ratio of lags of one period.
@@ -57,7 +61,7 @@ def aligned_period(recordings: Sequence[Array]) -> float | None:
         alignment
         for y in recordings
         for alignment in self_alignments(
-            y, _SHORTEST_LAG, min(_LONGEST_LAG, len(y) / _LEAST_CYCLES), most=1
+            y, SHORTEST_LAG, min(LONGEST_LAG, len(y) / _LEAST_CYCLES), most=1
         )
     ]
     if not alignments:
