@@ -781,6 +781,15 @@ def spirals(laps):
     return gaussian_filter1d(np.concatenate(paths), 2.0, axis=0)
 
 
+def spirals_that_return(laps):
+    """Return laps (n, 2), m, of a spiral inwards and a straight line back."""
+    u = np.linspace(0, 1, 200)
+    radius, angle = 0.15 * (1 - 0.85 * u), 8 * np.pi * u
+    spiral = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    lap = np.concatenate([spiral, np.linspace(spiral[-1], spiral[0], 37)[1:-1]])
+    return gaussian_filter1d(np.concatenate([lap] * laps), 2.0, axis=0)
+
+
 def circles_there_and_back(laps):
     """Return laps (n, 2), m, of 16 small circles along a line and back."""
     rng = np.random.default_rng(2)
@@ -793,8 +802,14 @@ def circles_there_and_back(laps):
     return gaussian_filter1d(np.concatenate(paths), 2.0, axis=0)
 
 
-@pytest.mark.parametrize("laps", [2, 4])
-@pytest.mark.parametrize("movement", [spirals, circles_there_and_back])
+@pytest.mark.parametrize(
+    ("movement", "laps"),
+    [
+        *((spirals, laps) for laps in (1, 2, 4)),
+        *((spirals_that_return, laps) for laps in (1, 2, 4)),
+        *((circles_there_and_back, laps) for laps in (2, 4)),
+    ],
+)
 def test_laps_of_many_strokes_are_the_cycles(movement, laps):
     path = movement(laps)
     found = find_rhythm(demonstration(path))

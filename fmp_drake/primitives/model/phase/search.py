@@ -81,6 +81,9 @@ _MOST_HARMONICS = 400
 # Most strokes in one closed cycle, for each of which a phase model has two of its 80
 # components, and most samples: longer recordings may end where they begin by chance.
 _MOST_STROKES, _LONGEST_LAP = 40, 3600
+# Turns of a spiral: least change of their amplitude relative to its mean, greatest relative
+# difference of its steps from their mean, and greatest part of the lap.
+_GROWTH, _UNEQUAL, _PART = 0.5, 0.3, 0.9
 # Units of the channels that are searched separately, in this order.
 _MOTION_UNITS = ("m", "rad")
 
@@ -273,9 +276,12 @@ def _search_or_join(
         if found is None:
             raise
         return found
-    if _has_strokes_of_lap(tracked.track):
+    strokes = tracked.track
+    if _has_strokes_of_lap(strokes):
         found = _one_cycle(recordings, columns, rate, period)
-        if found:
+        # An eight that grows closes too, but nothing leads back to its beginning.
+        most = _PART * _samples(found[0].track) if found else 0
+        if found and (strokes.shifted > WANDERING or _samples(strokes) < most):
             return found
     if tracked.misfit:
         found = _search_without_pauses(recordings, columns, rate, period)
@@ -331,10 +337,26 @@ def _one_cycle(
 
 
 def _has_strokes_of_lap(track: PhaseTrack) -> bool:
-    """Return whether its cycles may be strokes beside one another, in one closed cycle."""
-    samples = sum(map(len, track.recordings))
-    is_short = track.cycles <= _MOST_STROKES and samples <= _LONGEST_LAP
-    return track.shifted > WANDERING and is_short
+    """Return whether its cycles may be the strokes of one closed cycle.
+
+    Those are beside one another, or they are the turns of a spiral.
+    """
+    is_short = track.cycles <= _MOST_STROKES and _samples(track) <= _LONGEST_LAP
+    return is_short and (track.shifted > WANDERING or _is_spiral(track))
+
+
+def _samples(track: PhaseTrack) -> int:
+    return sum(map(len, track.recordings))
+
+
+def _is_spiral(track: PhaseTrack) -> bool:
+    """Return whether the cycles grow, or shrink, by equal steps, and differ clearly."""
+    amplitudes = track.history.amplitudes
+    steps = np.diff(amplitudes)
+    if len(steps) < 2 or abs(steps.sum()) < _GROWTH * amplitudes.mean():
+        return False
+    are_equal = np.all(np.abs(steps / steps.mean() - 1) < _UNEQUAL)
+    return bool(are_equal) and track.unexplained > STRICT.unexplained
 
 
 def _track_of_cycle(phase: Array, values: Array, harmonics: int) -> PhaseTrack:
