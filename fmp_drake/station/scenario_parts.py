@@ -426,8 +426,9 @@ class SkillConfig:
     candidates : int
         Number of samples at the start and at each re-mapping; the one that passes over
         the most ink of the demonstrated area is tracked. 1 for any sample, as in the paper.
-    margin : float
-        Largest distance of samples from the demonstrated paths, m.
+    margin : float or None
+        Largest distance of samples from the demonstrated paths, m; None for 20 mm, or for
+        the distance of the mean movement where cycles differ by more.
     seed : int
         Of the samples.
     tempo : float
@@ -452,7 +453,7 @@ class SkillConfig:
     model: str = "automatic"
     sample: bool = True
     candidates: int = bounded(48, least=1, most=1000)
-    margin: float = bounded(0.02, above=0)
+    margin: float | None = bounded(None, above=0)
     seed: int = bounded(0, least=0)
     tempo: float = bounded(1.0, least=0, most=4)
     push_threshold: float | None = bounded(None, above=0)

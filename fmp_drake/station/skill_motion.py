@@ -20,6 +20,7 @@ from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives import FourierMovementPrimitive, Player, Tracker
 from fmp_drake.primitives.data.channels import ChannelRoles, channel_roles
 from fmp_drake.primitives.data.orientation import rotation_vectors
+from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.primitives.model.trajectory_mixture import check_skill
 from fmp_drake.station.board_scene import BoardScene, Connect
 from fmp_drake.station.scenario import Scenario
@@ -35,6 +36,8 @@ DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
 _FRAME = ("task_frame", "task_frame_velocity", "task_frame_acceleration")
 _ESTIMATOR = "normal_force_estimator"
 
+# Least margin of samples that no scenario sets, m.
+_MARGIN = 0.02
 # Total number of samples of a skill's paths, and range of the number of windows.
 _SAMPLES, _WINDOWS = 6000, (8, 48)
 # Number of windows that are played from the start, each with its own seed.
@@ -109,7 +112,15 @@ def SkillMargin(scenario: Scenario, skill: FourierMovementPrimitive) -> float | 
 
     None, for no bound, where the skill has no demonstrated paths.
     """
-    return scenario.skill.margin if skill.paths_ else None
+    if not skill.paths_:
+        return None
+    if scenario.skill.margin is not None:
+        return scenario.skill.margin
+    region = DemonstratedRegion(skill, _MARGIN)
+    means = skill.synthesize([component.mean for component in skill.components_])
+    # The second half of a window may not be played.
+    distance = region.distance(means[:, : skill.n_steps // 2])
+    return max(_MARGIN, float(np.max(distance)))
 
 
 def SkillRoles(skill: FourierMovementPrimitive) -> ChannelRoles:

@@ -28,6 +28,7 @@ from fmp_drake.station.reach.board_reach import (
     FollowingBounds,
 )
 from fmp_drake.station.robots.robot import LoadRobot
+from fmp_drake.station.skill_motion import SkillMargin
 from fmp_drake.systems.scripted_disturbances import Disturbance
 
 pytestmark = pytest.mark.usefixtures("skills_sampled_once")
@@ -291,7 +292,7 @@ def test_movements_beyond_the_margin_of_the_skill_are_not_judged():
     # A run does not play them: the samples of this skill are up to 50 mm from its paths.
     scenario = LoadScenario("gentle")
     skill, _ = shared_skill(scenario)
-    region = DemonstratedRegion(skill, scenario.skill.margin)
+    region = DemonstratedRegion(skill, SkillMargin(scenario, skill))
     drawn = skill.sample(400, with_noise=False)
     assert np.max(region.distance(drawn)) > 0.03
     paths = CheckFeasibility(scenario, skill).paths

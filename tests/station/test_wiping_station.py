@@ -400,6 +400,18 @@ def test_margin_of_the_scenario_bounds_the_samples(restless_skill):
     assert regions[1] is None
 
 
+def test_margin_reaches_the_mean_of_cycles_that_differ(bundled_skill, restless_skill):
+    # Otherwise all samples would be reduced to the mean, which is no cycle of them.
+    margins = [
+        MakeWipingStation(LoadScenario("table_top"), skill)
+        .GetSubsystemByName("fourier_primitive")
+        .player.region.margin
+        for skill in (bundled_skill, restless_skill)
+    ]
+    assert margins[0] == 0.02
+    assert 0.03 < margins[1] < 0.05
+
+
 def test_scenario_moves_the_board(restless_skill):
     scenario = LoadScenario("table_top")
     scenario.board.translation = [0.5, 0.1, 0.25]
