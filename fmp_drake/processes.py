@@ -26,6 +26,9 @@ ATTEMPTS = 3
 
 # Matrices are small: more threads would only spin, and round differently.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+# A step of Drake's contact allocates and frees thousands of small blocks. With longer lists of
+# free blocks than glibc's default of 7, a trial takes 3 % less time, and 2 MB more memory.
+_ALLOCATOR, _FREE_LISTS = "GLIBC_TUNABLES", "glibc.malloc.tcache_count=100"
 # Number of tasks after which a process is replaced. This frees diagrams whose
 # references between Drake and Python form a cycle, 20 MB for each wiping station.
 _TASKS_OF_A_PROCESS = 25
@@ -139,8 +142,10 @@ class LocalWorkers:
     @contextmanager
     def executor(self) -> Iterator[Executor]:
         """Return an executor of new processes, which end with its context."""
-        environment = {name: os.environ.get(name) for name in _THREADS}
-        os.environ.update(dict.fromkeys(_THREADS, "1"))
+        settings = dict.fromkeys(_THREADS, "1")
+        settings[_ALLOCATOR] = os.environ.get(_ALLOCATOR, _FREE_LISTS)
+        environment = {name: os.environ.get(name) for name in settings}
+        os.environ.update(settings)
         context = get_context("spawn")
         reader, writer = context.Pipe(duplex=False)
         executor = ProcessPoolExecutor(

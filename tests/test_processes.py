@@ -57,6 +57,23 @@ def test_every_task_is_done_once(tmp_path):
     assert sorted(begun(tmp_path)[0]) == list(range(9))
 
 
+def test_processes_have_one_thread_and_long_lists_of_free_blocks(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("GLIBC_TUNABLES", raising=False)
+    done = run_tasks(os.getenv, ["OMP_NUM_THREADS", "GLIBC_TUNABLES"], LocalWorkers(1))
+    values = {task: value for task, _, value in done}
+    assert values["OMP_NUM_THREADS"] == "1"
+    assert values["GLIBC_TUNABLES"] == "glibc.malloc.tcache_count=100"
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+    assert "GLIBC_TUNABLES" not in os.environ
+
+
+def test_processes_keep_the_settings_of_an_allocator(monkeypatch):
+    monkeypatch.setenv("GLIBC_TUNABLES", "glibc.malloc.mxfast=0")
+    (done,) = run_tasks(os.getenv, ["GLIBC_TUNABLES"], LocalWorkers(1))
+    assert done.result == os.environ["GLIBC_TUNABLES"] == "glibc.malloc.mxfast=0"
+
+
 def test_task_of_a_killed_process_is_repeated(tmp_path):
     tasks = [(tmp_path, i, 0.1, "kill once" if i == 1 else "") for i in range(5)]
     done = {d.task[1]: d for d in run_tasks(square, tasks, LocalWorkers(2))}
