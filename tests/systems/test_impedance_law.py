@@ -12,7 +12,13 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.systems.impedance.algebra import Pose, eigen, rotation_vector, task_error
+from fmp_drake.systems.impedance.algebra import (
+    Pose,
+    eigen,
+    rotation_vector,
+    rotation_vectors,
+    task_error,
+)
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.force_control import ForceControlConfig
 from fmp_drake.systems.impedance.joints import (
@@ -142,6 +148,13 @@ def test_the_rotation_vector_is_accurate_at_its_ends(angle, axis):
     found = rotation_vector(Rotation.from_rotvec(angle * axis).as_matrix())
     sign = np.sign(found @ axis) if angle > 3 else 1.0
     np.testing.assert_allclose(sign * found, angle * axis, rtol=1e-9, atol=1e-15)
+
+
+def test_the_rotation_vectors_of_several_rotations_are_those_of_each():
+    R = Rotation.random(50, random_state=np.random.default_rng(4)).as_matrix()
+    vectors = rotation_vectors(R)
+    assert vectors.shape == (50, 3)
+    np.testing.assert_array_equal(vectors, [rotation_vector(each) for each in R])
 
 
 def test_error_transforms_the_measured_pose_to_the_desired_one():

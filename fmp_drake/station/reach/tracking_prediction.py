@@ -8,7 +8,7 @@ from pydrake.multibody.tree import Frame
 
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.systems import ImpedanceConfig
-from fmp_drake.systems.impedance.algebra import rotation_vector
+from fmp_drake.systems.impedance.algebra import rotation_vectors
 from fmp_drake.systems.interface.arm_model import ArmModel
 
 # Damping of the inverse at singularities, as a multiple of the springs' compliance,
@@ -238,7 +238,7 @@ def lengths(error: Array, *, has_rotation: bool) -> tuple[Array, Array]:
 
 def _errors(X_WE: Array, p_WE: Array, R_WE: Array) -> Array:
     """Return the errors from poses (B, 3, 4) to desired ones, in W, shape (B, 6)."""
-    rotations = [rotation_vector(R) for R in R_WE @ X_WE[..., :3].mT]
+    rotations = rotation_vectors(R_WE @ X_WE[..., :3].mT)
     return np.concatenate([rotations, p_WE - X_WE[..., 3]], axis=1)
 
 

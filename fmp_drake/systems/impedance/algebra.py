@@ -215,6 +215,15 @@ def rotation_vector(R: Array) -> Array:
 
 
 @compiled
+def rotation_vectors(R: Array) -> Array:
+    """Compute `rotation_vector` of rotations (N, 3, 3), shape (N, 3)."""
+    vectors = np.empty((len(R), 3))
+    for i in range(len(R)):
+        vectors[i] = rotation_vector(R[i])
+    return vectors
+
+
+@compiled
 def rotation_angle(R: Array, S: Array) -> float:
     """Return the angle between two orientations in rad."""
     trace = 0.0
