@@ -259,3 +259,25 @@ def test_matrices_of_a_reflection_are_not_a_pose(rows, tmp_path):
     np.savez(tmp_path / "d.npz", time=files.TIME, pose=mirrored)
     (found,), _ = read_demonstrations([tmp_path / "d.npz"])
     assert found.channels == tuple(f"pose_{i}" for i in range(1, 4 * rows + 1))
+
+
+@pytest.mark.parametrize(
+    ("header", "has_position"),
+    [
+        ("fx,fy,fz,tx,ty,tz", False),
+        ("ft_Fx,ft_Fy,ft_Fz,ft_Tx,ft_Ty,ft_Tz", False),
+        ("F_x,F_y,F_z,T_x,T_y,T_z,x,y,z", True),
+        ("fx,fy,fz,tx,ty,tz,qx,qy,qz,qw", True),  # The position of a pose.
+        ("fx,fy,fz,tx [m],ty [m],tz [m]", True),
+    ],
+)
+def test_columns_t_beside_a_force_are_a_torque(header, has_position, tmp_path):
+    names = header.split(",")
+    values = [files.PATH.T[k % 3] for k in range(6)]
+    values += [files.PATH.T[k] + 1 for k in range(3) if "x" in names]
+    values += [0 * files.TIME + (k == 3) for k in range(4) if "qx" in names]
+    text = files.lines(files.TIME, *values, header=f"time,{header}")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert ({"x", "y", "z"} <= set(found.channels)) == has_position
+    if "x" in names:
+        assert_allclose(found.select(["x", "y", "z"]).values, files.PATH + 1)

@@ -82,6 +82,7 @@ NO_MEASURED_ANGLES = re.compile(
 """Words in the names of numbered joint values that are not measured angles."""
 _NORMAL_FORCE = re.compile(r"(.*_)?(normal_force|force_normal)")
 _FORCE = re.compile(r"(.*?)_?(?:(?<![a-z0-9])f|force)_?([xyz])")
+_TORQUE = re.compile(r"(?<![a-z0-9])t(?=_?[xyz]$)")
 NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
     r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau|ori)$|^(q|v|a|w|b)_"
@@ -305,12 +306,18 @@ def _channels(
     Position, orientation and force get standard names.
     """
     labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
+    orientations = _groups(columns, _QUATERNION, "xyzw")
     lengths = [c for c in columns if _is_length(c)]
+    keys = {c.key for c in columns}
+    # Beside the force fx, fy and fz, tx, ty and tz are a torque, or the position of a pose.
+    torques = {c.number for c in lengths if _TORQUE.sub("f", c.key) in keys - {c.key}}
+    others = [c for c in lengths if c.number not in torques or c.unit]
+    if _groups(others, _POSITION, "xyz") or not orientations:
+        lengths = others
     positions = _groups(lengths, _POSITION, "xyz")
     if "l" in positions:  # Then r is the right hand, not a rotation.
         hands = _groups(columns, _POSITION, "xyz").items()
         positions |= {prefix: group for prefix, group in hands if prefix == "r"}
-    orientations = _groups(columns, _QUATERNION, "xyzw")
     joints = max((_groups(columns, JOINT, n) for n in _NUMBERS), key=len)
     joints = {p: g for p, g in joints.items() if not NO_MEASURED_ANGLES.search(p)}
     if not (positions or orientations or joints):
