@@ -42,10 +42,13 @@ def plot_reach(feasibility: "Feasibility", path: str | Path) -> None:
     path : str or Path
         Ends in .png, .pdf or .svg.
     """
+    from fmp_drake.station import ParseScenario
+
     x, y, margin = feasibility.cells
-    panel = PlanePanel(Channels(("x", "y"), ("m", "m")), None)
+    board = ParseScenario(feasibility.scenario, name="the checked scenario").board
+    panel = PlanePanel(Channels.of_board(board), None)
     dx, dy = x[1] - x[0], y[1] - y[0]  # Cells are drawn around their middles.
-    board = Rectangle(
+    area = Rectangle(
         (y[0] - dy / 2, x[0] - dx / 2),
         float(np.ptp(y) + dy),
         float(np.ptp(x) + dx),
@@ -55,7 +58,7 @@ def plot_reach(feasibility: "Feasibility", path: str | Path) -> None:
         label="out of reach",
         zorder=0.5,
     )
-    panel.ax.add_patch(board)
+    panel.ax.add_patch(area)
     shades = _MARGIN_MAP.with_extremes(under=_SPRING_COLOR)
     mesh = panel.ax.pcolormesh(
         y,

@@ -24,7 +24,7 @@ from fmp_drake.plots.style import (
     save,
     set_title,
 )
-from fmp_drake.primitives.data.channels import POSITION_CHANNELS, ROTATION_CHANNELS
+from fmp_drake.primitives.data.channels import ROTATION_CHANNELS
 from fmp_drake.primitives.data.files import check_writable, replaced, write_text
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from fmp_drake.runs.station_run import StationRun, WipingRun
 
-_POSITION = Channels(POSITION_CHANNELS, ("m",) * 3)
 _AXIS_COLORS = ("#0072B2", "#D55E00", "#009E73")
 _MILESTONES = (0.5, 0.9, 0.99)
 _MIN_FORCE = 1e-3  # Of a disturbance, N.
@@ -103,7 +102,7 @@ def draw_run(run: "StationRun") -> Figure:
 
 
 def _draw_path(ax: Axes, run: "StationRun") -> None:
-    panel = PlanePanel(_POSITION, ax)
+    panel = PlanePanel(Channels.of_board(run.scenario.board), ax)
     for path in run.demonstrated:
         panel.grey_path(path[:, run.roles.position])
     measured = run.log("measured_position")[::4]  # 50 Hz.
@@ -113,7 +112,7 @@ def _draw_path(ax: Axes, run: "StationRun") -> None:
 
 
 def _draw_ink(ax: Axes, run: "WipingRun") -> None:
-    panel = PlanePanel(_POSITION, ax)
+    panel = PlanePanel(Channels.of_board(run.scenario.board), ax)
     nx, ny = run.grid.size
     ink = run.ink().T
     x_edges = np.linspace(-nx / 2, nx / 2, ink.shape[0] + 1)
@@ -197,7 +196,8 @@ def _draw_force(ax: Axes, run: "WipingRun") -> None:
 
 def _draw_error(ax: Axes, run: "StationRun") -> None:
     error = 1e3 * (run.log("measured_position") - run.log("desired_position"))
-    _draw_axes(ax, run.log_times("measured_position"), error, POSITION_CHANNELS)
+    names = Channels.of_board(run.scenario.board).names
+    _draw_axes(ax, run.log_times("measured_position"), error, names)
     set_title(ax, "tracking error")
 
 

@@ -5,7 +5,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import matplotlib
 import numpy as np
@@ -22,8 +22,12 @@ from numpy.typing import ArrayLike
 from fmp_drake.errors import RunError
 from fmp_drake.numeric import Array
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.primitives.data.channels import POSITION_CHANNELS
 from fmp_drake.primitives.data.files import check_writable, replaced
 from fmp_drake.primitives.data.windows import demonstration_list
+
+if TYPE_CHECKING:
+    from fmp_drake.station.scenario_parts import BoardConfig
 
 # Colours of Okabe and Ito, which colour-blind people can distinguish.
 DEMONSTRATED = "0.65"
@@ -251,6 +255,12 @@ class Channels:
         channels = cls(demonstrations[0].channels, demonstrations[0].units)
         channels.check(demonstrations)
         return channels
+
+    @classmethod
+    def of_board(cls, board: "BoardConfig") -> Self:
+        """Return the coordinates of a position: (u, v, h) on a curved board."""
+        is_plane = board.curvature().is_plane
+        return cls(POSITION_CHANNELS if is_plane else ("u", "v", "h"), ("m",) * 3)
 
     def check(self, demonstrations: Sequence[Demonstration]) -> None:
         """Raise a RunError if a demonstration has other channels."""

@@ -21,6 +21,7 @@ from fmp_drake.plots import (
     plot_demonstrations,
     plot_run,
     plot_skill,
+    reach,
     run_page,
 )
 from fmp_drake.plots.demonstrations import (
@@ -48,6 +49,7 @@ from fmp_drake.primitives import (
 from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.primitives.model.phase.rhythm import Part
 from fmp_drake.runs.events import RunEvent
+from fmp_drake.station.scenario_parts import BoardConfig
 
 SIX = ("x", "y", "z", "force", "roll", "pitch")
 UNITS = ("m", "m", "m", "N", "rad", "rad")
@@ -706,8 +708,16 @@ class TestPages:
         assert error.get_ylabel() == "error (mm)"
         assert [line.get_label() for line in error.lines[:3]] == ["x", "y", "z"]
         np.testing.assert_allclose(error.lines[2].get_ydata(), 2.0)
+        assert (path.get_xlabel(), ink.get_ylabel()) == ("y (m)", "x (m)")
         plot_run(run, tmp_path / "run.png")
         assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
+
+    def test_the_page_of_a_run_on_a_curved_board_names_u_v_and_h(self, skills):
+        run = fake_run(skills[3], board=BoardConfig(shape="dome"))
+        path, ink, *_, error = run_axes(run)
+        for ax in (path, ink):
+            assert (ax.get_xlabel(), ax.get_ylabel()) == ("v (m)", "u (m)")
+        assert [line.get_label() for line in error.lines[:3]] == ["u", "v", "h"]
 
     def test_the_page_of_a_run_shows_when_the_board_got_clean(self, skills):
         run = fake_run(skills[3], clean=np.arange(10) / 10)
@@ -782,6 +792,26 @@ class TestPages:
         assert len(colors) == 2
 
 
+@pytest.mark.parametrize(
+    ("shape", "labels"), [("plane", ("y (m)", "x (m)")), ("bowl", ("v (m)", "u (m)"))]
+)
+def test_the_picture_of_the_reach_names_the_coordinates(shape, labels, monkeypatch):
+    figures = []
+    monkeypatch.setattr(reach, "save", lambda figure, _: figures.append(figure))
+    cells = np.linspace(0, 1, 4)
+    feasibility = SimpleNamespace(
+        cells=(cells, cells, np.ones((4, 4))),
+        scenario=f"board: {{shape: {shape}}}",
+        paths=np.zeros((1, 2, 3)),
+        followed=np.ones((1, 2), dtype=bool),
+        start=np.zeros(3),
+        verdict="The arm can follow this skill.",
+    )
+    reach.plot_reach(feasibility, "reach.png")
+    ax = figures[0].axes[0]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == labels
+
+
 def test_lines_in_one_picture_differ_in_colour_or_style():
     styles = [tuple(series_style(number).values()) for number in range(20)]
     assert len(set(styles)) == 20
@@ -794,7 +824,7 @@ def run_axes(run):
     return [ax for ax in run_page.draw_run(run).axes if ax.get_title(loc="left")]
 
 
-def fake_run(skill, *, clean=(), events=(), **more):
+def fake_run(skill, *, clean=(), events=(), board=None, **more):
     """Return what a page needs of a `WipingRun`: a board of 0.4 m by 0.6 m.
 
     The demonstrated area are the first 12 cells, and `clean` says when the first of
@@ -815,6 +845,7 @@ def fake_run(skill, *, clean=(), events=(), **more):
     area = np.arange(ink.size).reshape(ink.shape) < 12
     return SimpleNamespace(
         skill=skill,
+        scenario=SimpleNamespace(board=board or BoardConfig()),
         grid=SimpleNamespace(size=(0.4, 0.6), shape=ink.shape),
         demonstrated=[measured],
         kept=set(logs),
