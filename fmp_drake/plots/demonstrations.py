@@ -155,10 +155,7 @@ def _windows(skill: FourierMovementPrimitive, demonstrations: Demonstrations) ->
     is_one_cycle = skill.rhythm_ is not None and skill.rhythm_.is_one_cycle
     if is_short and skill.paths_ and (len(recordings) > 1 or is_one_cycle):
         # Recordings of one cycle each are joined, or closed, before learning.
-        recordings = [
-            replace(recordings[0], time=np.arange(len(path)) / skill.rate, values=path)
-            for path in skill.paths_
-        ]
+        recordings = learned_parts(skill, recordings[0])
     return as_windows(
         recordings,
         n_steps=skill.n_steps,
@@ -166,6 +163,16 @@ def _windows(skill: FourierMovementPrimitive, demonstrations: Demonstrations) ->
         rate=skill.rate,
         at_least=1,
     ).values
+
+
+def learned_parts(
+    skill: FourierMovementPrimitive, recording: Demonstration
+) -> list[Demonstration]:
+    """Return the paths of which a skill was learned, like one of its recordings."""
+    return [
+        replace(recording, time=np.arange(len(path)) / skill.rate, values=path)
+        for path in skill.paths_
+    ]
 
 
 def draw_spectra(

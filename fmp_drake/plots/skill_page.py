@@ -9,6 +9,7 @@ from fmp_drake.plots.demonstrations import (
     draw_demonstrations_in_plane,
     draw_demonstrations_over_time,
     draw_spectra,
+    learned_parts,
 )
 from fmp_drake.plots.learned import (
     draw_component_in_plane,
@@ -21,6 +22,7 @@ from fmp_drake.plots.learned import (
 )
 from fmp_drake.plots.style import Channels, Demonstrations, same_limits, save, shape_of
 from fmp_drake.primitives import FourierMovementPrimitive, Player
+from fmp_drake.primitives.data.windows import demonstration_list
 
 # Width, inches: letters are legible on a page of 800 pixels.
 _WIDTH = 11.5
@@ -43,7 +45,8 @@ def draw_skill(
     """Return a page about a skill and its demonstrations.
 
     The demonstrations and the first component of a skill of one channel are drawn over
-    time instead of in the plane. The pictures of a phase model, if any, follow.
+    time instead of in the plane. The pictures of a phase model, if any, follow. Parts of a
+    recording that were left out are drawn once only, with limits of their own.
 
     Parameters
     ----------
@@ -52,6 +55,10 @@ def draw_skill(
     demonstrations : Demonstration or sequence of Demonstration
     """
     channels = len(Channels.of_skill(skill).names)
+    learned = demonstration_list(demonstrations, "a picture")
+    is_cut = bool(skill.paths_ and skill.rhythm_ and skill.rhythm_.left_out)
+    if is_cut:
+        learned = learned_parts(skill, learned[0])
     low, high = skill.extent_
     start = high + 0.5 * (high - low)
     player = Player(skill)
@@ -71,24 +78,20 @@ def draw_skill(
         f"windows of {skill.window:.3g} s"
     )
     if skill.phase_model_ is not None:
-        draw_phase(skill, parts[2, 0].subplots(1, 3), demonstrations=demonstrations)
+        draw_phase(skill, parts[2, 0].subplots(1, 3), demonstrations=learned)
     if channels > 1:
         axes = top.subplots(2, 4)
         draw_demonstrations_in_plane(demonstrations, ax=axes[0, 0])
-        draw_samples_in_plane(skill, demonstrations=demonstrations, ax=axes[0, 1])
-        draw_heatmaps(skill, demonstrations, axes[0, 2:])
+        draw_samples_in_plane(skill, demonstrations=learned, ax=axes[0, 1])
+        draw_heatmaps(skill, learned, axes[0, 2:])
         component_count = min(3, len(skill.components_))
         for component, ax in enumerate(axes[1, :3]):
             if component < component_count:
-                draw_component_in_plane(
-                    skill, component, ax, demonstrations=demonstrations
-                )
+                draw_component_in_plane(skill, component, ax, demonstrations=learned)
             else:
                 ax.remove()
-        draw_rollout_in_plane(
-            player, start, demonstrations=demonstrations, ax=axes[1, 3]
-        )
-        same_limits([*axes[0], *axes[1, :component_count]])
+        draw_rollout_in_plane(player, start, demonstrations=learned, ax=axes[1, 3])
+        same_limits([*axes[0, int(is_cut) :], *axes[1, :component_count]])
         top.supxlabel(_TUBE, fontsize="small")
     else:
         a, b = top.subplots(2, 1)

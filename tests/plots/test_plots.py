@@ -662,6 +662,22 @@ class TestPages:
                 ticks = ax.get_yticks()
                 assert np.sum((low <= ticks) & (ticks <= high)) > 1
 
+    def test_an_approach_from_afar_does_not_widen_the_pictures_of_what_was_learned(
+        self,
+    ):
+        time = np.arange(0, 34, 0.05)
+        phase = 2 * np.pi * np.maximum(time - 6, 0) / 2.2
+        near = np.clip((time - 1) / 5, 0, 1)
+        path = 0.1 * np.column_stack([np.cos(phase), np.sin(phase)])
+        path[:, 0] += 0.9 * (1 - 3 * near**2 + 2 * near**3)
+        recording = Demonstration(time=time, values=path)
+        skill = FourierMovementPrimitive(window=6.0).fit(recording)
+        figure = draw_skill(skill, recording)
+        tops = [ax.get_ylim()[1] for ax in figure.axes if ax.get_xlabel()[:1] == "y"]
+        # Only the picture of the recordings shows the approach.
+        assert len(tops) == 9
+        assert sum(top > 0.4 for top in tops) == 1
+
     def test_a_skill_of_one_component_leaves_places_empty(self, shown):
         skill = FourierMovementPrimitive(
             n_steps=24, rate=10.0, overlap=4, n_components=1, stride=3
