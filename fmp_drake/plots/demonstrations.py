@@ -28,6 +28,7 @@ _MAX_WINDOWS = 60  # More could not be distinguished.
 # Fraction of the power in the drawn harmonics, and their smallest number.
 _POWER_FRACTION = 0.99
 _MIN_HARMONICS = 12
+_MOST_NAMES = 4  # Of recordings in a legend.
 
 
 def plot_demonstrations(
@@ -78,9 +79,14 @@ def draw_demonstrations_over_time(
     """Draw each channel of recordings over time, in separate axes (Fig. 3a)."""
     recordings = demonstration_list(demonstrations, "a picture")
     labels = Channels.of_demonstrations(recordings).labels
+    greys, count = _greys(len(recordings)), len(recordings)
     for i, ax in enumerate(axes):
-        for recording, grey in zip(recordings, _greys(len(recordings)), strict=True):
-            ax.plot(recording.time, recording.values[:, i], color=grey, linewidth=0.8)
+        for n, (recording, grey) in enumerate(zip(recordings, greys, strict=True), 1):
+            # The shades between the first and the last are in order.
+            is_named = count > 1 and (count <= _MOST_NAMES or n in (1, count))
+            label = f"recording {n}" if is_named else None
+            values = recording.values[:, i]
+            ax.plot(recording.time, values, color=grey, linewidth=0.8, label=label)
     return finish_times(axes, labels, title=_title(recordings))
 
 

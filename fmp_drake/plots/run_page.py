@@ -120,15 +120,17 @@ def _draw_ink(ax: Axes, run: "WipingRun") -> None:
     image = ax.pcolormesh(
         y_edges, x_edges, ink, cmap="Blues", vmin=0, vmax=1, rasterized=True
     )
-    ax.contour(
-        (y_edges[1:] + y_edges[:-1]) / 2,
-        (x_edges[1:] + x_edges[:-1]) / 2,
-        run.demonstrated_area.T.astype(float),
-        levels=[0.5],
-        colors=PLAYED,
-        linewidths=1.2,
-    )
-    ax.plot([], [], color=PLAYED, linewidth=1.2, label="demonstrated area")
+    area = run.demonstrated_area.T.astype(float)
+    if np.ptp(area) > 0:  # Otherwise it has no outline.
+        ax.contour(
+            (y_edges[1:] + y_edges[:-1]) / 2,
+            (x_edges[1:] + x_edges[:-1]) / 2,
+            area,
+            levels=[0.5],
+            colors=PLAYED,
+            linewidths=1.2,
+        )
+        ax.plot([], [], color=PLAYED, linewidth=1.2, label="demonstrated area")
     add_colorbar(ax, image, "fraction of the ink")
     _finish_board(panel, run, "ink left")
 

@@ -255,6 +255,14 @@ class TestDemonstrations:
         assert len(boxes) > 1
         assert all(a.x1 < b.x0 for a, b in pairwise(boxes))
 
+    @pytest.mark.parametrize(("count", "named"), [(1, []), (3, [1, 2, 3]), (6, [1, 6])])
+    def test_the_shades_of_several_recordings_are_named(self, count, named):
+        axes = stack(2)
+        draw_demonstrations_over_time([waves(2, seed=i) for i in range(count)], axes)
+        legend = axes[0].get_legend()
+        texts = [text.get_text() for text in legend.get_texts()] if legend else []
+        assert texts == [f"recording {n}" for n in named]
+
     def test_every_recording_is_a_line(self):
         recordings = [waves(2, seed=i) for i in range(3)]
         for ax, i in zip(
@@ -749,6 +757,12 @@ class TestPages:
         np.testing.assert_allclose(dots[0].get_xydata(), [[0.5, 50.0]], atol=0.02)
         assert [text.get_text() for text in cleaned.texts] == ["50 % after 0.5 s"]
         assert "83.3 %" in cleaned.get_title(loc="left")
+
+    @pytest.mark.parametrize("covers", [False, True])
+    def test_a_demonstrated_area_without_an_outline_has_no_legend(self, covers, skills):
+        run = fake_run(skills[3])
+        run.demonstrated_area[:] = covers
+        assert run_axes(run)[1].get_legend() is None
 
     def test_the_page_of_a_run_marks_re_mappings_and_disturbances(self, skills):
         time = np.linspace(0, 2, 200)
