@@ -1,5 +1,7 @@
 """Facts about discrete movements."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -109,8 +111,8 @@ def test_fit_repeats_and_clones(primitive, demonstrations):
     ("x", "message"),
     [
         ([], "0 demonstrations"),
-        ([reach([0, 0, 0], [1, 0, 0], 0, 1)], "1 demonstrations"),
-        (reach([0, 0, 0], [1, 0, 0], 0, 1), "1 demonstrations"),
+        ([reach([0, 0, 0], [1, 0, 0], 0, 1)], "got 1 demonstration;"),
+        (reach([0, 0, 0], [1, 0, 0], 0, 1), "got 1 demonstration;"),
         (np.zeros((3, 20, 2)), "needs a Demonstration, or a list"),
         (
             [
@@ -130,6 +132,7 @@ def test_unusable_training_data_are_refused(x, message):
     ("options", "message"),
     [
         ({"n_steps": 7}, "n_steps is 7"),
+        ({"n_steps": 1_000_000}, "n_steps is 1000000; .* at most 10000"),
         ({"confidence": 0.0}, r"confidence is 0\.0"),
         ({"confidence": 1.5}, r"confidence is 1\.5"),
         ({"n_components": 0}, "n_components is 0"),
@@ -139,6 +142,15 @@ def test_unusable_training_data_are_refused(x, message):
 def test_parameters_out_of_range_are_named(demonstrations, options, message):
     with pytest.raises(SkillError, match=message):
         DiscreteMovementPrimitive(**options).fit(demonstrations)
+
+
+def test_movements_of_the_most_steps_take_little_memory(demonstrations):
+    primitive = DiscreteMovementPrimitive(n_steps=10_000).fit(demonstrations)
+    tracemalloc.start()
+    primitive.plan([0.0, 0.0, 0.0], [1.0, 0.5, 0.2])
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1e8
 
 
 def test_use_before_fit_is_refused():

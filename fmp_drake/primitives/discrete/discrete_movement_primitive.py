@@ -14,6 +14,7 @@ from fmp_drake.errors import DemonstrationError, SkillError
 from fmp_drake.numeric import Array, check_number, finite_array
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.data.demonstration import Demonstration
+from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import demonstration_list
 from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
@@ -112,7 +113,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     n_steps : int
-        T, samples of a movement.
+        T, samples of a movement, at most 10,000.
     n_components : int
         M, Gaussians in the mixture; at most half the number of demonstrations are used.
     explained_variance, regularization, tolerance, random_state
@@ -185,10 +186,10 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         demonstrations = demonstration_list(X, "fit")
         if len(demonstrations) < 2:
             raise DemonstrationError(
-                f"there are {len(demonstrations)} demonstrations; a discrete movement "
-                "needs at least 2, each one whole movement."
+                f"got {count_text(len(demonstrations), 'demonstration')}; a discrete "
+                "movement needs at least 2, each one whole movement."
             )
-        check_number(self.n_steps, "n_steps", least=8, whole=True)
+        check_number(self.n_steps, "n_steps", least=8, most=10_000, whole=True)
         check_number(self.confidence, "confidence", above=0.0, most=1.0)
         duration = float(np.mean([d.duration for d in demonstrations]))
         rate = self.n_steps / duration
@@ -380,7 +381,7 @@ def _correction(
     out = flexibility * (rows.T @ solution[:size])
     out[0] = solution[size]
     largest = np.max(np.abs(errors))
-    curve = np.cos(np.pi * np.linspace(0, 1, 4 * len(k))[:, None] * k) @ out
+    curve = (dct(out, type=1, n=4 * len(k)) + out[0]) / 2  # At equal phases.
     is_met = np.max(np.abs(rows @ out - errors)) < 1e-6 * (1 + largest)
     if not is_met or np.max(np.abs(curve)) > _MOST_SWING * largest:
         raise SkillError(
