@@ -112,8 +112,8 @@ def scenario_skill(
         skill, remarks = load_skill(skill_file), [f"loaded {skill_file}"]
         if not skill.paths_:
             remarks.append(
-                f"{skill_file.name} does not contain where it was demonstrated, so its "
-                "playback is not bounded. Learn it again to bound it."
+                f"{skill_file.name} has no demonstrated paths, as after modulate_skill or "
+                "learning from windows, so its playback is not bounded by them"
             )
         return skill, [], remarks
     recordings, remarks = load_on_board(
