@@ -122,6 +122,8 @@ _KEYS = ("description", "base", "robot", "offsets", "fields", "disturbances")
 _FILES = ("skill.demonstration", "skill.file", "ink.picture", "tool")
 # Number of disturbances, which may be drawn.
 _COUNT = "disturbances.count"
+# Part of a dotted name.
+_KEY = re.compile(r"[^.\[\]]+")
 # Demonstration; a scenario in free space keeps its own.
 _DEMONSTRATION = "skill.demonstration"
 
@@ -169,13 +171,19 @@ class TrialSpec:
                 f"distributions have the keys {', '.join(_KEYS)}; got "
                 f"{', '.join(map(shown, keys))}."
             )
+        for key in ("base", "robot"):
+            value = content.get(key)
+            if isinstance(value, dict | list) and not _is_distribution(value):
+                raise ExperimentError(
+                    f"{key} is {shown(value)}; expected a name, or choice: {KINDS['choice']}."
+                )
         base = content.get("base", "table_top")
         self._base = read_value("base", base if isinstance(base, dict) else str(base))
         names = self._base.values if isinstance(self._base, Distribution) else [base]
         self._robot = read_value("robot", content.get("robot"))
         self._bases = {name: self._load(str(name)) for name in names}
-        self._fields = dict(_leaves(content.get("fields") or {}))
-        self._offsets = dict(_leaves(content.get("offsets") or {}))
+        self._fields = _named_values(content, "fields")
+        self._offsets = _named_values(content, "offsets")
         disturbances = content.get("disturbances") or {"count": 0}
         is_mapping = isinstance(disturbances, dict)
         if not is_mapping or not set(disturbances) <= {"count", "each"}:
@@ -184,7 +192,7 @@ class TrialSpec:
                 "and each."
             )
         self._count = read_value(_COUNT, disturbances.get("count", 1))
-        self._disturbance = dict(_leaves(disturbances.get("each") or {}))
+        self._disturbance = _named_values(disturbances, "each")
         self._check()
 
     @classmethod
@@ -386,6 +394,25 @@ def _as_mapping(value: Any) -> Any:
     return {name: _as_mapping(getattr(value, name)) for name in names}
 
 
+def _named_values(content: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Return the values or distributions below a key by their dotted names."""
+    tree = content.get(key) or {}
+    if not isinstance(tree, Mapping) or _is_distribution(tree):
+        raise ExperimentError(
+            f"{key} is {shown(tree)}; expected names with values or distributions, such as "
+            "force: {uniform: [5.0, 15.0]}."
+        )
+    values: dict[str, Any] = {}
+    known: set[tuple[str, ...]] = set()
+    for name, value in _leaves(tree):
+        keys = tuple(_KEY.findall(name))
+        if keys in known:
+            raise ExperimentError(f"{key} has {name} twice; keep one.")
+        known.add(keys)
+        values[name] = value
+    return values
+
+
 def _leaves(tree: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the names and values or distributions of nested mappings and lists.
 
@@ -421,13 +448,12 @@ def _find(fields: dict[str, Any], name: str) -> tuple[Any, str | int]:
         Where there is no such name; it lists the allowed ones.
     """
     container: Any = fields
-    keys = [int(k) if k.isdecimal() else k for k in re.findall(r"[^.\[\]]+", name)]
+    keys = [int(k) if k.isdecimal() else k for k in _KEY.findall(name)]
     for i, key in enumerate(keys):
         parent = ".".join(map(str, keys[:i])) or "it"
         if not isinstance(container, dict | list):
             raise ExperimentError(
-                f"there is no {name}: {parent} is a value. Distributions are "
-                f"{', '.join(KINDS)}."
+                f"{parent} is a value or one distribution ({', '.join(KINDS)}); got {key}."
             )
         is_list = isinstance(container, list)
         allowed = list(range(len(container)) if is_list else container)

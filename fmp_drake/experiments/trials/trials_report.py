@@ -141,7 +141,7 @@ class TrialsReport:
         return (
             f"Of {count_text(len(self._trials), 'trial')}, drawn with seed "
             f"{self._plan['seed']}, the feasibility check refuses {len(self._refused)}. "
-            f"Of the {n} others {passed} passed ({_percent(passed, n)}), "
+            f"Of {count_text(n, 'other trial')} {passed} passed ({_percent(passed, n)}), "
             f"{', '.join(violations) or _NO_VIOLATION}. "
             f"The runs took {self._cpu_seconds / 3600:.2f} hours of one core, at a rate of "
             f"{self._run_per_hour:.0f} per hour, with the code "
@@ -323,7 +323,8 @@ def _description(trial: Trial, duration: float) -> str:
 
 def _listed(numbers: Sequence[int]) -> str:
     text = ", ".join(map(str, numbers[:_ROWS]))
-    return f"{text} and {len(numbers) - _ROWS} others" if numbers[_ROWS:] else text
+    others = count_text(len(numbers) - _ROWS, "other")
+    return f"{text} and {others}" if numbers[_ROWS:] else text
 
 
 def _percent(part: int, whole: int) -> str:
