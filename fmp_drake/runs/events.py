@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.numeric import Array, Mask
-from fmp_drake.runs.log import Chunk
+from fmp_drake.runs.log import Chunk, Samples
 from fmp_drake.systems import StatusFlag
 from fmp_drake.systems.impedance.controller_status import CONDITIONS, STOP_REASONS
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
@@ -137,10 +137,20 @@ class RunEvents:
         Normal force above which it is an event, also where the controller measures none, N.
     compliance : float
         Of the felt, m/N: in contact the eraser is lower than the board by its compression.
+    speed_limits : ndarray, shape (n,), optional
+        Of the joints, rad/s, to name the joint that is too fast.
     """
 
-    def __init__(self, most_force: float = np.inf, *, compliance: float = 0.0) -> None:
+    def __init__(
+        self,
+        most_force: float = np.inf,
+        *,
+        compliance: float = 0.0,
+        speed_limits: Array | None = None,
+    ) -> None:
         self._most_force, self._compliance = most_force, compliance
+        self._speed_limits = speed_limits
+        self._fastest, self._fastest_joint = -1.0, 0
         self._forces = Occurrences(_FORCE, "up to {:.0f} N")
         stop = CONDITIONS[StatusFlag.PROTECTIVE_STOP].event
         self._stops = {
@@ -164,6 +174,9 @@ class RunEvents:
         lost, stopped = flags & int(StatusFlag.CONTACT_LOST), flags & _STOPPED
         for flag, occurrences in self._flag_faults.items():
             occurrences.update(times, flags & flag)
+        if (limits := self._speed_limits) is not None:
+            fast = times[flags & int(StatusFlag.OVERSPEED) > 0]
+            self._find_fastest(chunk["state"], fast, limits)
 
         depth = chunk["penetration"]
         millimetres = 1e3 * depth.values[:, 0]
@@ -205,6 +218,14 @@ class RunEvents:
             heights = np.clip(heights, -_MAX_HEIGHT, _MAX_HEIGHT)
             np.add.at(self._heights, heights.astype(int) + _MAX_HEIGHT, 1)
 
+    def _find_fastest(self, state: Samples, times: Array, limits: Array) -> None:
+        """Find the joint that is nearest to its speed limit at some times, s."""
+        is_fast = np.isin(np.rint(1e3 * state.times), np.rint(1e3 * times))
+        speeds = np.abs(state.values[is_fast, -len(limits) :])
+        ratios = np.max(speeds / limits, axis=0, initial=-1.0)
+        if (fastest := float(np.max(ratios))) > self._fastest:
+            self._fastest, self._fastest_joint = fastest, int(np.argmax(ratios))
+
     def _is_loss(self, times: Array, is_missing: Mask, touching: Array) -> Mask:
         """Return where missing contact was lost, or is not made for long after a lift.
 
@@ -230,7 +251,17 @@ class RunEvents:
             self._below,
             self._forces,
         )
-        return sorted(event for fault in faults for event in fault.events())
+        events = [event for fault in faults for event in fault.events()]
+        if self._speed_limits is not None and self._fastest >= 0:
+            kind, joint = CONDITIONS[StatusFlag.OVERSPEED].event, self._fastest_joint
+            limit = self._speed_limits[joint]
+            detail = f": joint {joint + 1}, at up to {100 * self._fastest:.0f} % of "
+            detail += f"its limit of {limit:.3g} rad/s"
+            events = [
+                e._replace(text=e.text + detail) if e.kind == kind else e
+                for e in events
+            ]
+        return sorted(events)
 
     @property
     def board_height_error(self) -> float | None:

@@ -33,9 +33,9 @@ def mark(signals, start, end, flags):
     status[(times > start - 1e-6) & (times < end - 1e-6), 0] = float(flags)
 
 
-def sentences(signals, *, until=(), most_force=80.0):
+def sentences(signals, *, until=(), most_force=80.0, speed_limits=None):
     """Feed the signals in chunks that end at some times."""
-    events, start = RunEvents(most_force), -1.0
+    events, start = RunEvents(most_force, speed_limits=speed_limits), -1.0
     for end in (*until, 1e9):
         events.update(
             {
@@ -103,6 +103,24 @@ def test_height_of_a_board_that_was_never_touched_is_unknown():
     events = RunEvents()
     events.update(recorded(touch=99.0))
     assert events.board_height_error is None
+
+
+@pytest.mark.parametrize("until", [(), (4.05, 4.15)])
+def test_a_joint_too_fast_is_named_with_its_limit(until):
+    signals = recorded()
+    mark(signals, 4.0, 4.2, StatusFlag.OVERSPEED)
+    times = signals["status"].times
+    state = np.zeros((len(times), 6))
+    state[:, 3] = 0.5  # Half of its limit.
+    state[(times > 4.09) & (times < 4.11), 5] = -2.4
+    state[times > 6, 4] = 9.0  # After the event.
+    signals["state"] = Samples(times, state)
+    limits = np.array([1.0, 2.0, 2.5])
+    (sentence,) = sentences(signals, until=until, speed_limits=limits)
+    assert sentence == (
+        "a joint too fast from 4.0 to 4.2 s: joint 3, at up to 96 % of its limit of "
+        "2.5 rad/s"
+    )
 
 
 def test_arm_on_the_board_is_reported():
