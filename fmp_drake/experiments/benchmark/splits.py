@@ -29,6 +29,12 @@ PLACES = 3
 _LEAST_CYCLES = 2.3
 # Cycles that must remain for scoring.
 _LEAST_HELD_OUT = 0.4
+# Samples that are scored.
+_LEAST_SCORED = 5
+_NEEDED = (
+    f"at least {CYCLES[0] + _LEAST_HELD_OUT:g} cycles are needed, and after {CYCLES[0]:g} of "
+    f"them at least {(PAST + HORIZON + _LEAST_SCORED - 1) / RATE:.2g} s"
+)
 # Files of a folder that are not read as recordings.
 _OTHER_FILES = {".md", ".json", ".yaml", ".yml", ".html", ".png", ".pdf", ".svg"}
 
@@ -143,14 +149,11 @@ def load_movements(
             divided.append(movement)
         else:
             progress(
-                f"{movement.name} is left out: {movement.cycles:.1f} cycles cannot be "
-                f"divided; at least {CYCLES[0] + _LEAST_HELD_OUT:g} are needed."
+                f"{movement.name} is left out: {movement.cycles:.1f} cycles of "
+                f"{movement.period / RATE:.2g} s cannot be divided; {_NEEDED}."
             )
     if not divided:
-        raise FmpError(
-            f"{folder} has no movement that is long enough: at least "
-            f"{CYCLES[0] + _LEAST_HELD_OUT:g} cycles are needed."
-        )
+        raise FmpError(f"{folder} has no movement that is long enough: {_NEEDED}.")
     return _with_names_of_their_own(divided)
 
 
@@ -296,4 +299,7 @@ def _hold_out_third(
 
 
 def _is_scorable(training: Sequence[Array], held_out: Sequence[Array]) -> bool:
-    return bool(training) and sum(len(y) - PAST - HORIZON + 1 for y in held_out) >= 5
+    return (
+        bool(training)
+        and sum(len(y) - PAST - HORIZON + 1 for y in held_out) >= _LEAST_SCORED
+    )
