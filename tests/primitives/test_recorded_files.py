@@ -401,6 +401,29 @@ def test_other_changes_of_the_position_are_kept(change, tmp_path):
     assert not remarks
 
 
+@pytest.mark.parametrize(
+    ("name", "in_degrees", "factor"),
+    [
+        ("Coordinates", "yes", np.pi / 180),
+        ("Coordinates", "no", 1.0),
+        ("forces", "yes", 1),
+    ],
+)
+def test_angles_of_opensim_have_the_unit_of_the_header(
+    name, in_degrees, factor, tmp_path
+):
+    head = f"{name}\nversion=1\nnRows=400\ninDegrees={in_degrees}\nendheader\n"
+    columns = "time\tpelvis_tx\thip_flexion_r\tknee_angle_l"
+    text = files.lines(files.TIME, *files.PATH.T, header=columns, delimiter="\t")
+    path = tmp_path / "ik.mot"
+    path.write_text(head + text)
+    (found,), _ = read_demonstrations([path])
+    is_known = name == "Coordinates"
+    assert found.units == (("1", "rad", "rad") if is_known else ("1", "1", "1"))
+    assert_allclose(found.values[:, 0], files.PATH[:, 0], atol=1e-9)
+    assert_allclose(found.values[:, 1:], factor * files.PATH[:, 1:], atol=1e-9)
+
+
 def test_components_of_a_force_have_standard_names(tmp_path):
     columns = (files.TIME, *files.PATH.T, *files.PATH.T)
     text = files.lines(*columns, header="time,x,y,z,fx,fy,fz")

@@ -40,6 +40,9 @@ _COMPACT_DATE = re.compile(r"(\d{4})(\d\d)(\d\d)[_T-](\d\d)(\d\d)(\d\d)")
 # List of numbers in a cell, and what separates them.
 _LIST = re.compile(r""""?(?:array\()?(?:'d', ?)?[\[(]([-+.\deE,; \[\]]+)[\])]+"?""")
 _LIST_MARK = re.compile(r"[,; \[\]]+")
+# Header of OpenSim, and its columns that are not angles of joints.
+_IN_DEGREES = re.compile(r"^inDegrees\s*=\s*(yes|no)\s*$", re.IGNORECASE | re.MULTILINE)
+_NO_ANGLE = re.compile(r"time|.*_t[xyz]")
 # Greatest fraction of broken rows that are left out; number of rows that allows one.
 _MOST_BROKEN, _FEW = 0.01, 20
 # Greatest number of broken rows that a command deletes.
@@ -434,6 +437,10 @@ def _header(
             "numbers, such as --columns time=1,x=2,y=3,z=4."
         )
     split = [named_unit(name) for name in names]
+    in_degrees = _IN_DEGREES.search("\n".join(before))
+    if in_degrees and lines[0].strip() == "Coordinates":  # Of OpenSim.
+        unit = "deg" if in_degrees[1].lower() == "yes" else "rad"
+        below = ["" if _NO_ANGLE.fullmatch(name) else unit for name in names]
     return (
         [name for name, _ in split],
         [unit or under for (_, unit), under in zip(split, below, strict=True)],
