@@ -652,6 +652,15 @@ def test_skill_of_a_movement_that_never_varies_plays():
 # What a robot that is watched adds ------------------------------------------------
 
 
+@pytest.mark.parametrize("ticks", [2.5, -1, None])
+def test_a_plan_has_a_whole_number_of_ticks(ticks, small_skill):
+    player = Player(small_skill)
+    with pytest.raises(
+        SkillError, match=f"ticks is {ticks}; it must be a whole number"
+    ):
+        player.plan(player.start([0.1, 0.0]), ticks)
+
+
 @pytest.mark.parametrize("sample", [False, True])
 def test_plan_is_the_coming_ticks(small_skill, sample):
     player = Player(small_skill, sample=sample, seed=4)

@@ -594,10 +594,10 @@ class Player:
         covariances : ndarray, shape (ticks + 1, D, D)
             Their covariances.
         """
+        check_number(ticks, "ticks", least=0, whole=True)
         values, covariances = [self.motion(state)[:1]], [self.covariance(state)[None]]
         # At constant tempo, and at tempo 1 where the state's is 0.
-        tempo = state.tempo if state.tempo > 0 else 1.0
-        state = replace(state, tempo=tempo, tempo_rate=0.0)
+        state = replace(state, tempo=state.tempo or 1.0, tempo_rate=0.0)
         last = self.skill.overlap - 1 + self.ticks_between_remaps
         while ticks > 0:
             relaxation = self.relaxations[state.component]
