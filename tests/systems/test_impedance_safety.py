@@ -483,6 +483,9 @@ def test_the_status_is_read_by_name():
     assert ImpedanceStatus.from_vector(np.array(values)) == status
     with pytest.raises(SystemsError, match=r"status of shape \(2,\); expected \(6,\)"):
         ImpedanceStatus.from_vector([1.0, 2.0])
+    for flags in (np.nan, np.inf, -1.0, 2.5):
+        with pytest.raises(SystemsError, match=f"are {flags}; they must be a whole"):
+            ImpedanceStatus.from_vector([flags, *values[1:]])
     assert status.flags == StatusFlag.PROTECTIVE_STOP | StatusFlag.ERROR_CLIPPED
     assert status[1:] == (0.0, 0.5, 1.0, -2.0, 0.3)
     assert len(status) == STATUS_SIZE

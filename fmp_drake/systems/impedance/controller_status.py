@@ -128,11 +128,16 @@ class ImpedanceStatus(NamedTuple):
         Raises
         ------
         SystemsError
-            If the vector has another size.
+            If the vector has another size, or its flags are not a whole number.
         """
         size = len(cls._fields)
         values = as_floats(vector, "the status", (size,), error=SystemsError)
         flags, *rest = values.tolist()
+        if flags < 0 or not flags.is_integer():
+            raise SystemsError(
+                f"the flags of the status are {flags}; they must be a whole number, at "
+                "least 0."
+            )
         return cls(StatusFlag(int(flags)), *rest)
 
 
