@@ -183,7 +183,7 @@ class FourierPrimitiveSystem(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("fourier_primitive")
-        if sample not in (True, False):
+        if np.ndim(sample) or sample not in (True, False):
             raise SystemsError(f"sample is {shown(sample)}; it must be True or False.")
         player = Player(skill, tracker=tracker, sample=sample, seed=seed, margin=margin)
         self._player = player

@@ -456,9 +456,10 @@ def test_starts_at_any_time(system, small_skill, start, t0):
     assert state.remaps == 2
 
 
-def test_sample_that_is_not_a_bool_is_refused(small_skill):
-    with pytest.raises(SystemsError, match="sample is 'yes'; it must be True or False"):
-        FourierPrimitiveSystem(small_skill, sample="yes")
+@pytest.mark.parametrize("sample", ["yes", np.array([True, False]), np.array([True])])
+def test_sample_that_is_not_a_bool_is_refused(sample, small_skill):
+    with pytest.raises(SystemsError, match=r"sample is .*; it must be True or False"):
+        FourierPrimitiveSystem(small_skill, sample=sample)
 
 
 def test_start_that_is_not_finite_is_refused(system):
