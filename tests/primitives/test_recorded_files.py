@@ -1124,7 +1124,7 @@ def test_degrees_become_radians(tmp_path):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"unit": "furlong"}, "unit is 'furlong'; choose one of m, cm, mm"),
+        ({"unit": "furlong"}, "unit is 'furlong'; choose one of m, .* or convert the"),
         ({"sample_rate": -1}, "sample rate is -1"),
         ({"quaternions": "zyxw"}, "quaternions is 'zyxw'; choose xyzw or wxyz"),
     ],

@@ -232,7 +232,8 @@ class ReadingOptions:
             )
         if self.unit and self.unit not in LENGTHS:
             raise SkillFileError(
-                f"the unit is {self.unit!r}; choose one of {', '.join(LENGTHS)}."
+                f"the unit is {self.unit!r}; choose one of {', '.join(LENGTHS)}, or convert "
+                "the positions to metres."
             )
 
     @classmethod
