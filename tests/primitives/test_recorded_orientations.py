@@ -76,6 +76,7 @@ def assert_pose(found, turns=TURNS):
         ("x,y,z,u,v,w", RADIANS, "roll=5,pitch=6,yaw=7"),
         ("x,y,z,u,v,w", DEGREES, "roll=u [deg],pitch=v [deg],yaw=w [deg]"),
         ("x,y,z,A,B,C", RADIANS[:, ::-1], "roll=C [rad],pitch=B [rad],yaw=A [rad]"),
+        ("x,y,z,A,B,C", RADIANS[:, ::-1], ""),  # It jumps by 2 pi.
     ],
 )
 def test_euler_angles_are_an_orientation(header, angles, columns, tmp_path):
@@ -126,6 +127,16 @@ def test_other_angles_are_no_orientation(header, tmp_path):
     found, _ = read(table(tmp_path, RADIANS, header=header))
     assert found.channels == tuple(header.split(","))
     assert found.rotation_reference is None
+
+
+def test_small_angles_of_a_kuka_that_do_not_jump_are_taken_for_degrees(tmp_path):
+    angles = 3 * np.sin(files.TIME)[:, None] * [1, 0, 0]
+    found, remark = read(table(tmp_path, angles, header="x,y,z,A,B,C"))
+    assert "A, B, C reach 3 and are taken for degrees" in remark
+    turns = rotations_of(
+        found.select(["rx", "ry", "rz"]).values, found.rotation_reference
+    )
+    assert np.max(turns.magnitude()) == pytest.approx(np.deg2rad(3), abs=1e-3)
 
 
 @pytest.mark.parametrize(

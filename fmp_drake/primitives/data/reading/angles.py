@@ -53,7 +53,7 @@ def angle_units(
     """Return the unit of each angle without a stated one, by the index of its channel.
 
     Rotation vectors are in rad. Euler angles are in degrees if one is greater than a revolution, or if they
-    are KUKA's; other angles if one is greater than two.
+    are KUKA's and do not jump by 2 pi; other angles if one is greater than two revolutions.
     """
     names, columns = list(channels), list(channels.values())
     rotation, euler = (
@@ -64,7 +64,8 @@ def angle_units(
     others = [i for i in angles if i not in (*rotation, *euler)]
     euler = [i for i in angles if i in euler]
     are_kuka = {columns[i].key[-1:] for i in euler} == {"a", "b", "c"}
-    limit = 0.0 if are_kuka else REVOLUTION
+    largest_step = np.max(np.abs(np.diff(values[:, euler], axis=0)), initial=0.0)
+    limit = 0.0 if are_kuka and largest_step < 1.9 * np.pi else REVOLUTION
     for group, most in ((others, _LARGEST_ANGLE), (euler, limit)):
         largest = float(np.max(np.abs(values[:, group]), initial=0.0))
         unit, other = ("deg", "rad") if largest > most else ("rad", "deg")
