@@ -164,6 +164,13 @@ def test_a_file_of_a_force_is_added_to_the_position_at_the_same_times(
     assert found.rotation_reference is not None
 
 
+def test_a_force_is_added_to_a_position_with_dates(tmp_path):
+    paths = [files.npz_with_dates(tmp_path).path, force_file(tmp_path, LATER)]
+    (found,), _ = read_demonstrations(paths)
+    known = [np.interp(files.TIME[1:], files.TIME + 0.005, f) for f in files.FORCE.T]
+    assert_allclose(forces(found), np.transpose(known), atol=1e-5)
+
+
 def test_a_force_is_added_to_each_recording_at_its_times(tmp_path):
     halves = []
     for name, rows in (("a.csv", slice(0, 200)), ("b.csv", slice(200, 400))):

@@ -66,8 +66,11 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
         return _tables_of(path, arrays, options)
     metadata = FORMAT.parse(path, arrays["metadata"]) if "metadata" in arrays else None
     time, values = (arrays.get(key) for key in ("time", name))
+    origin = 0.0
     if time is not None and time.dtype.kind in "mM":
-        time = (time - time[:1]) / np.timedelta64(1, "s")
+        second, zero = np.timedelta64(1, "s"), np.zeros(1, time.dtype)
+        origin = float(np.sum((time[:1] - zero) / second))
+        time = (time - time[:1]) / second
     if time is None or values is None:
         raise SkillFileError(f"{path} holds no `time` or no `values`.")
     for key, array in (("time", time), ("values", values)):
@@ -90,6 +93,7 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
             units=("s",) if counts else (),
             values=np.column_stack([time, values]),
             remarks=(f"{', '.join(omissions)} left out",) if omissions else (),
+            origin=origin,
         )
     ]
 
