@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import recorded_files as files
 from numpy.testing import assert_allclose
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from fmp_drake.errors import FmpError
 from fmp_drake.primitives import ReadingOptions, read_demonstrations
@@ -399,3 +399,38 @@ def test_quaternions_may_differ_by_a_tenth_from_unit_length(
             read(path)
     else:
         assert_pose(read(path)[0])
+
+
+@pytest.mark.parametrize(("every", "sign"), [(1, -1.0), (20, 1.0)])
+def test_an_orientation_in_rows_of_its_own_follows_the_rotation(every, sign, tmp_path):
+    stamps = files.TIME[::every] + 0.004
+    angles = np.column_stack([0.5 * np.sin(4 * stamps), np.sin(3 * stamps + 1)])
+    turns = Rotation.from_euler("xy", angles)
+    quaternions = turns.as_quat()
+    quaternions[::2] *= sign  # Both signs are the same rotation.
+    lines = [
+        (t, f"{t},{x},{y},{z},,,,")
+        for t, (x, y, z) in zip(files.TIME, files.PATH, strict=True)
+    ]
+    lines += [
+        (t, f"{t},,,,{x},{y},{z},{w}")
+        for t, (x, y, z, w) in zip(stamps, quaternions, strict=True)
+    ]
+    text = "\n".join(["time,x,y,z,qx,qy,qz,qw", *(line for _, line in sorted(lines))])
+    found, remark = read(files.write(tmp_path, text).path)
+    assert "qx, qy, qz, qw interpolated at the times of the position" in remark
+    recorded = rotations_of(
+        found.select(["rx", "ry", "rz"]).values, found.rotation_reference
+    )
+    known = Slerp(stamps, turns)(found.time)
+    assert np.max((recorded * known.inv()).magnitude()) < 1e-6
+
+
+def test_quaternions_in_rows_of_their_own_must_be_unit_quaternions(tmp_path):
+    lines = [f"{t},0,0,{t},,,," for t in files.TIME]
+    lines[1::2] = [
+        f"{t},,,,0,0,0,{1.5 * (i > 0)}" for i, t in enumerate(files.TIME[1::2])
+    ]
+    text = "\n".join(["time,x,y,z,qx,qy,qz,qw", *lines])
+    with pytest.raises(FmpError, match="not unit quaternions"):
+        read(files.write(tmp_path, text).path)

@@ -5,17 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
 from fmp_drake.errors import DemonstrationError
-from fmp_drake.numeric import Array
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
     FORCE_COMPONENTS,
     QUATERNION_CHANNELS,
     ROTATION_CHANNELS,
 )
-from fmp_drake.primitives.data.reading.rows import LEAST_COMPLETE, at_times
+from fmp_drake.primitives.data.reading.rows import LEAST_COMPLETE, at_times, slerp
 from fmp_drake.primitives.data.reading.table import Table, count_text
 
 _TURNS = {*QUATERNION_CHANNELS, *ROTATION_CHANNELS}
@@ -103,7 +101,10 @@ def _with_part(other: Path, table: Table, path: Path, part: Table) -> Table:
             f"{path} has values at only {known} of the {len(time)} samples of {other}; "
             "record both over the same times, or cut the longer one."
         )
-    added[is_known] = _without_shortcut(added[is_known], time[is_known], stamps, part)
+    if set(QUATERNION_CHANNELS) <= {*part.names}:
+        index = [part.names.index(name) for name in QUATERNION_CHANNELS]
+        turned = slerp(time[is_known], stamps, part.values[:, index])
+        added[np.ix_(is_known, np.array(index) - 1)] = turned
     values = np.column_stack([table.values, added])[is_known]
     remark = f"{', '.join(part.names[1:])} of {path.name} interpolated at its times"
     if known < len(time):
@@ -121,13 +122,3 @@ def _with_part(other: Path, table: Table, path: Path, part: Table) -> Table:
         ),
         has_angles=table.has_angles or part.has_angles,
     )
-
-
-def _without_shortcut(added: Array, time: Array, stamps: Array, part: Table) -> Array:
-    """Return interpolated values (n, C) whose quaternions follow the rotation between two."""
-    names = part.names[1:]
-    if set(QUATERNION_CHANNELS) <= {*names}:
-        index = [names.index(name) for name in QUATERNION_CHANNELS]
-        rotations = Rotation.from_quat(part.values[:, 1:][:, index])
-        added[:, index] = Slerp(stamps, rotations)(time).as_quat()
-    return added

@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
 
 from fmp_drake.numeric import Array, Mask
-from fmp_drake.primitives.data.channels import POSITION_CHANNELS
+from fmp_drake.primitives.data.channels import POSITION_CHANNELS, QUATERNION_CHANNELS
 from fmp_drake.primitives.data.reading.table import LONGEST_GAP, Column, count_text
 
 LEAST_COMPLETE = 0.5
@@ -37,6 +38,13 @@ def interpolated(
     for i in others:
         rows = known[:, i]
         values[~rows, i] = at_times(time[~rows], time[rows], values[rows, i])
+    order = list(channels)
+    index = [order.index(n) for n in QUATERNION_CHANNELS if n in channels]
+    rows = np.all(known[:, index], axis=1)
+    is_new = ~rows & ~np.any(np.isnan(values[:, index]), axis=1)
+    if len(index) == 4 and np.count_nonzero(rows) > 1 and np.any(is_new):
+        quaternions = values[np.ix_(rows, index)]
+        values[np.ix_(is_new, index)] = slerp(time[is_new], time[rows], quaternions)
     names = ", ".join(name for k, name in enumerate(channels) if k in others)
     remarks.append(f"{names} interpolated at the times of the position")
     return values, is_placed
@@ -48,6 +56,18 @@ def at_times(time: Array, stamps: Array, values: Array) -> Array:
     is_near = stamps[after] - stamps[after - 1] <= LONGEST_GAP
     is_inside = (stamps[0] <= time) & (time <= stamps[-1])
     return np.where(is_near & is_inside, np.interp(time, stamps, values), np.nan)
+
+
+def slerp(time: Array, stamps: Array, quaternions: Array) -> Array:
+    """Return quaternions (N, 4) of stamps (N,), s, at times (n,) between them.
+
+    They follow the rotation from one to the next, whatever their signs. Their lengths are
+    interpolated, too, so that wrong ones are still found.
+    """
+    lengths = np.linalg.norm(quaternions, axis=1)
+    unit = np.where(lengths[:, None] > 0, quaternions, [0.0, 0.0, 0.0, 1.0])
+    turned: Array = Slerp(stamps, Rotation.from_quat(unit))(time).as_quat()
+    return turned * np.interp(time, stamps, lengths)[:, None]
 
 
 def steady_samples(time: Array, positions: Array, remarks: list[str]) -> Mask:
