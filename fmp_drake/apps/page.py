@@ -179,13 +179,13 @@ def make_progress(console: Console) -> Progress:
 def show_progress(
     console: Console, times: Iterable[float], *, until: float, label: str
 ) -> None:
-    """Run a simulation to its end, with a progress bar.
+    """Run a simulation to its end, with a progress bar, and report pauses.
 
     Parameters
     ----------
     console : Console
     times : iterable of float
-        Simulated times from `advance`, s.
+        Simulated times from `advance`, s, which repeat in a pause.
     until : float
         Simulated time of the end, s.
     label : str
@@ -193,7 +193,14 @@ def show_progress(
     """
     with make_progress(console) as progress:
         bar = progress.add_task(label, total=until)
+        last, was_paused = -1.0, False
         for now in times:
+            is_paused = now == last
+            if is_paused and not was_paused:
+                console.print(
+                    f"paused at {now:.1f} s: resume on the page; Ctrl-C ends the run"
+                )
+            last, was_paused = now, is_paused
             progress.update(bar, completed=now, total=max(until, now), refresh=True)
 
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from fmp_drake.apps import wipe as wipe_module
-from fmp_drake.apps.page import ended_page, open_page
+from fmp_drake.apps.page import ended_page, make_console, open_page, show_progress
 from fmp_drake.errors import FmpError
 
 
@@ -126,3 +126,10 @@ def test_skill_that_is_too_fast_can_be_slowed_down_on_the_page(command, watched)
     assert f"{tempo}. Choose on the page; Enter ends it." in before
     assert "The arm can follow this skill" in after
     assert "cannot follow" not in after
+
+
+def test_the_terminal_tells_each_pause_once(capsys):
+    times = [0.1, 0.2, 0.2, 0.2, 0.3, 0.4, 0.4]
+    show_progress(make_console(), times, until=1.0, label="running")
+    told = re.findall(r"paused at (.*) s: resume on the page", capsys.readouterr().out)
+    assert told == ["0.2", "0.4"]
