@@ -1,6 +1,7 @@
 """Facts about the panel of the page, and about a page in a notebook."""
 
 import contextlib
+import hashlib
 import http.client
 import json
 import os
@@ -14,6 +15,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -23,7 +25,7 @@ import umsgpack
 from browser import needs_chromium, screenshot
 from hypothesis import given
 from hypothesis import strategies as st
-from pydrake.geometry import Box, Meshcat, Rgba
+from pydrake.geometry import Box, Mesh, Meshcat, Rgba
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.systems.page import page_server
@@ -90,6 +92,39 @@ def test_other_files_of_the_page_come_from_meshcat(panel):
     assert status == 200
     assert "gui_controllers" in text
     assert ask(panel, "/nothing")[0] == 404
+
+
+def test_the_file_of_a_mesh_that_is_drawn_again_is_not_missing(panel, tmp_path):
+    raw = bytes(36)  # Three corners.
+    (tmp_path / "triangle.bin").write_bytes(raw)
+    accessor = {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}
+    accessor |= {"min": [0, 0, 0], "max": [0, 0, 0]}
+    content = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"uri": "triangle.bin", "byteLength": len(raw)}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(raw)}],
+        "accessors": [accessor],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "nodes": [{"mesh": 0}],
+    }
+    path = tmp_path / "triangle.gltf"
+    path.write_text(json.dumps(content))
+
+    def draw():
+        panel.meshcat.SetObject("triangle", Mesh(str(path)), Rgba(1, 0, 0))
+
+    file = f"/cas-v1/{hashlib.sha256(raw).hexdigest()}"
+    draw()
+    assert ask(panel, file)[0] == 200
+    # A browser asks for it after the scene was cleared, and before it is drawn again.
+    panel.meshcat.Delete("triangle")
+    with ThreadPoolExecutor() as browser:
+        answer = browser.submit(ask, panel, file)
+        time.sleep(0.2)
+        draw()
+        assert answer.result()[0] == 200
+    panel.meshcat.Delete("triangle")
+    assert ask(panel, file)[0] == 404
 
 
 def test_browser_receives_the_panel_and_its_changes(panel):

@@ -41,6 +41,8 @@ _MAX_CONNECTIONS, _MAX_WATCHING = 64, 48
 _REQUEST, _WATCHING, _OPERATING = "request", "watching", "operating"
 # First bytes of complete close, ping and pong frames, and the bits of the second byte.
 _CONTROL_FRAMES, _MASKED, _LONGEST_CONTROL = (0x88, 0x89, 0x8A), 0x80, 125
+# Path of the files of meshes, and waits for one that is missing, s.
+_MESHES, _WAITS = "/cas-v1/", (0.1, 0.3, 1.0)
 _PORTS = range(8000, 8100)
 _OWN_PATH = re.compile(r"/[\w./-]*", re.ASCII)
 # Host of a request: an IPv6 address or a name, and a port.
@@ -356,9 +358,17 @@ def _bind(
                 time.sleep(_PAUSE)
 
         def _pass_on(self, path: str) -> None:
-            """Fetch the other files of the page from Meshcat."""
+            """Fetch the other files of the page from Meshcat.
+
+            Files of meshes are missing for a moment where a scene is drawn again.
+            """
             try:
                 status, body, headers = fetch(path)
+                for wait in _WAITS if path.startswith(_MESHES) else ():
+                    if status != 404:
+                        break
+                    time.sleep(wait)
+                    status, body, headers = fetch(path)
             except (OSError, HTTPException):
                 self.send_error(502)
                 return
