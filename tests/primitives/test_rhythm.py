@@ -802,13 +802,25 @@ def circles_there_and_back(laps):
     return gaussian_filter1d(np.concatenate(paths), 2.0, axis=0)
 
 
+def arcs_there_and_back(laps):
+    """Return laps (n, 2), m, of five arcs about one centre, each farther out, and back."""
+    corners = []
+    for i in range(5):
+        angle = np.linspace(-0.7, 0.7, 15) * (-1) ** i
+        radius = 0.1 + 0.05 * i
+        corners.append(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+    there = np.concatenate(corners)
+    corners = np.concatenate([there, there[::-1]] * laps)
+    length = np.r_[0, np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))]
+    places = np.linspace(0, length[-1], 250 * laps)
+    path = np.column_stack([np.interp(places, length, c) for c in corners.T])
+    return gaussian_filter1d(path, 2.0, axis=0)
+
+
+@pytest.mark.parametrize("laps", [1, 2, 4])
 @pytest.mark.parametrize(
-    ("movement", "laps"),
-    [
-        *((spirals, laps) for laps in (1, 2, 4)),
-        *((spirals_that_return, laps) for laps in (1, 2, 4)),
-        *((circles_there_and_back, laps) for laps in (2, 4)),
-    ],
+    "movement",
+    [spirals, spirals_that_return, circles_there_and_back, arcs_there_and_back],
 )
 def test_laps_of_many_strokes_are_the_cycles(movement, laps):
     path = movement(laps)

@@ -18,6 +18,8 @@ _LAST_PART = 0.3
 # Spread of a movement in a direction in which it is thin, relative to its greatest, and distance
 # from it in such a direction where it ends, relative to its size.
 _THIN, _AWAY = 0.35, 0.15
+# Least distance between the ends of an approach or retreat, relative to its length.
+_DIRECT = 0.4
 # Pauses at an end that are not reported: relative to the remainder of the recording, samples.
 _SHORT, _FEW = 0.1, 2
 
@@ -154,7 +156,7 @@ def _without_approach(path: Array, part: slice) -> slice | None:
     """Return a part of a path (n, D) without approach and retreat; None without these.
 
     They lead away from the movement in a direction in which its middle is thin: from the
-    plane of a board. They take at most half of the path.
+    plane of a board. They take at most half of the path, and have no strokes.
     """
     values = path[part]
     quarter = len(values) // 4
@@ -172,7 +174,15 @@ def _without_approach(path: Array, part: slice) -> slice | None:
     half = len(values) // 2
     first = int(np.max(away[away < half], initial=-1)) + 1
     after = int(np.min(away[away >= half], initial=len(values)))
+    if not (is_direct(values[:first]) and is_direct(values[after:])):
+        return None
     return slice(part.start + first, part.start + after)
+
+
+def is_direct(path: Array) -> bool:
+    """Return whether a path (n, D) leads from its beginning to its end, without strokes."""
+    length = np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1))
+    return not length or bool(np.linalg.norm(path[-1] - path[0]) > _DIRECT * length)
 
 
 def _end_of_cycle(path: Array, part: slice) -> int | None:

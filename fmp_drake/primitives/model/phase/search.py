@@ -28,7 +28,11 @@ from fmp_drake.primitives.model.phase.attempt import (
     Limits,
 )
 from fmp_drake.primitives.model.phase.cycle import Cycle
-from fmp_drake.primitives.model.phase.loops import closed_cycle, join_loops
+from fmp_drake.primitives.model.phase.loops import (
+    closed_cycle,
+    is_direct,
+    join_loops,
+)
 from fmp_drake.primitives.model.phase.pauses import without_pauses
 from fmp_drake.primitives.model.phase.period import (
     local_periods,
@@ -84,6 +88,8 @@ _MOST_STROKES, _LONGEST_LAP = 40, 3600
 # Turns of a spiral: least change of their amplitude relative to its mean, greatest relative
 # difference of its steps from their mean, and greatest part of the lap.
 _GROWTH, _UNEQUAL, _PART = 0.5, 0.3, 0.9
+# Kinds of parts that may be strokes of a lap.
+_WITH_STROKES = ("approach", "retreat", "another movement")
 # Units of the channels that are searched separately, in this order.
 _MOTION_UNITS = ("m", "rad")
 
@@ -277,7 +283,9 @@ def _search_or_join(
             raise
         return found
     strokes = tracked.track
-    if _has_strokes_of_lap(strokes):
+    if _has_strokes_of_lap(strokes) or _omits_strokes(
+        tracked.rhythm, recordings[0][:, columns], rate
+    ):
         found = _one_cycle(recordings, columns, rate, period)
         # An eight that grows closes too, but nothing leads back to its beginning.
         most = _PART * _samples(found[0].track) if found else 0
@@ -343,6 +351,22 @@ def _has_strokes_of_lap(track: PhaseTrack) -> bool:
     """
     is_short = track.cycles <= _MOST_STROKES and _samples(track) <= _LONGEST_LAP
     return is_short and (track.shifted > WANDERING or _is_spiral(track))
+
+
+def _omits_strokes(rhythm: Rhythm, path: Array, rate: float) -> bool:
+    """Return whether strokes of a path (n, D) before or after the bouts are longer than these.
+
+    Of strokes along a line and back, only those where it turns resemble one another. A long
+    path is no lap.
+    """
+    omitted = sum(
+        part.duration
+        for part in rhythm.left_out
+        if part.kind in _WITH_STROKES
+        and not is_direct(path[round(part.start * rate) : round(part.end * rate)])
+    )
+    in_bouts = sum(bout.duration for bout in rhythm.bouts)
+    return omitted > in_bouts and len(path) <= _LONGEST_LAP
 
 
 def _samples(track: PhaseTrack) -> int:
