@@ -28,6 +28,8 @@ _MAX_WINDOWS = 60  # More could not be distinguished.
 # Fraction of the power in the drawn harmonics, and their smallest number.
 _POWER_FRACTION = 0.99
 _MIN_HARMONICS = 12
+# Amplitude of a channel that is constant but for rounding: 1 nm, for example.
+_LEAST_AMPLITUDE = 1e-9
 _MOST_NAMES = 4  # Of recordings in a legend.
 
 
@@ -208,7 +210,7 @@ def draw_spectra(
         bars = ax.vlines(frequencies, low, high, color=DEMONSTRATED, linewidth=3.0)
         bars.set_label("5 to 95 %")
         ax.plot(frequencies, middle, "o", color="0.15", markersize=3.5, label="median")
-        ax.set_ylim(bottom=0)
+        ax.set_ylim(0, max(ax.get_ylim()[1], _LEAST_AMPLITUDE))
         ax.set_xlim(left=0)
     title = f"harmonics of {count_text(len(windows), 'window')}"
     labels = Channels.of_skill(skill).labels
@@ -218,7 +220,7 @@ def draw_spectra(
 def _harmonic_count(amplitudes: Array) -> int:
     """Return the number of harmonics with 99 % of the power of every channel."""
     power = np.mean(amplitudes**2, axis=0)
-    total = np.maximum(np.sum(power, axis=0), 1e-300)
+    total = np.maximum(np.sum(power, axis=0), _LEAST_AMPLITUDE**2)
     fraction = np.cumsum(power, axis=0) / total
     count = 1 + int(np.max(np.argmax(fraction >= _POWER_FRACTION, axis=0)))
     return min(max(count, _MIN_HARMONICS), amplitudes.shape[1])

@@ -377,6 +377,15 @@ class TestSpectra:
         assert frequency[-1] == pytest.approx(5.0)
         assert height[-1] == pytest.approx(0.1)
 
+    def test_rounding_of_a_constant_channel_is_not_drawn_as_harmonics(self):
+        time = np.arange(120) / 10
+        rounding = 1e-17 * (-1.0) ** np.arange(120)
+        values = np.column_stack([np.sin(2 * np.pi * 2 / 2.4 * time), rounding])
+        steady = Demonstration(time=time, values=values)
+        axes = draw_spectra(learn(steady), steady, stack(2))
+        assert len(axes[0].lines[0].get_xdata()) == 12
+        assert axes[1].get_ylim() == (0, 1e-9)
+
     def test_bars_hold_nine_of_ten_windows(self, two):
         skill, demonstration = two
         ax = draw_spectra(skill, demonstration, stack(2))[0]
