@@ -101,6 +101,16 @@ def test_quieter_skill_is_played_with_smaller_strokes(wiping_skill):
     assert np.ptp(half.extent_[:, 1]) < np.ptp(wiping_skill.extent_[:, 1])
 
 
+def test_skill_without_its_highest_harmonics_keeps_its_size(wiping_mixture):
+    smooth = modulate_skill(wiping_mixture, harmonics=range(45, 61), gain=0.0)
+    start = wiping_mixture.paths_[0][0]
+    size, smooth_size = (
+        np.ptp(Player(skill).rollout(start, 60.0).position[:, :2], axis=0)
+        for skill in (wiping_mixture, smooth)
+    )
+    assert_allclose(smooth_size, size, rtol=0.25)
+
+
 def test_skill_without_variation_can_be_modulated():
     skill = FourierMovementPrimitive(n_steps=8, overlap=2).fit(np.ones((4, 8, 1)))
     out = modulate_skill(skill, harmonics=[0], gain=3.0)

@@ -120,6 +120,7 @@ class Player:
         The greatest possible number where None, but 3 fewer with a mixture whose model and
         number of components were not asked for: its velocity at the end of a window
         amplifies noise of the recordings: 1 mm led samples up to 50 mm off the movement.
+        Nor is the end of a window played whose harmonics were changed (`modulate_skill`).
         Much smaller numbers change the movement of a mixture, which may grow, or come to
         rest.
 
@@ -170,7 +171,11 @@ class Player:
         self.tick_seconds = 1 / skill.rate
         most_ticks = skill.n_steps - skill.overlap
         is_free = skill.model == skill.n_components == "automatic"
-        default = max(1, most_ticks - _NOISY * is_free)
+        # Windows with changed harmonics ring near their ends.
+        unplayed = (
+            _NOISY * is_free if skill.calibration_ else closing_samples(skill.n_steps)
+        )
+        default = max(1, most_ticks - unplayed)
         # The windows of a mixture may be far shorter than a cycle of its movement.
         self._longest_blend = self.blend_time
         if skill.phase_model_ is not None:
@@ -631,12 +636,9 @@ class Player:
     def _covariance_table(self, component: int) -> Array:
         """Return the covariances at the samples of a window, shape (T, D, D)."""
         if component not in self._covariances:
-            self._covariances[component] = np.array(
-                [
-                    self.skill.predicted_covariance(component, k)
-                    for k in range(self.skill.n_steps)
-                ]
-            )
+            steps = range(self.skill.n_steps)
+            rows = [self.skill.predicted_covariance(component, k) for k in steps]
+            self._covariances[component] = np.array(rows)
         return self._covariances[component]
 
     def rollout(self, start: ArrayLike, duration: float) -> Motion:
