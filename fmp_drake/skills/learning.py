@@ -64,8 +64,8 @@ def _folder() -> Path:
 def scenario_skill(
     scenario: Scenario,
     *,
-    demonstrations: Sequence[Path] = (),
-    skill_file: Path | None = None,
+    demonstrations: str | Path | Sequence[str | Path] = (),
+    skill_file: str | Path | None = None,
     transform: Sequence[float] | None = None,
     stretch: float = 1.0,
     window: float | None = None,
@@ -112,8 +112,9 @@ def scenario_skill(
         skill, remarks = load_skill(skill_file), [f"loaded {skill_file}"]
         if not skill.paths_:
             remarks.append(
-                f"{skill_file.name} has no demonstrated paths, as after modulate_skill or "
-                "learning from windows, so its playback is not bounded by them"
+                f"{Path(skill_file).name} has no demonstrated paths, as after "
+                "modulate_skill or learning from windows, so its playback is not bounded "
+                "by them"
             )
         return skill, [], remarks
     recordings, remarks = load_on_board(

@@ -21,7 +21,7 @@ from fmp_drake.station import Scenario
 
 
 def load_on_board(
-    paths: Sequence[Path],
+    paths: str | Path | Sequence[str | Path],
     *,
     scenario: Scenario,
     transform: Sequence[float] | None = None,
@@ -41,6 +41,7 @@ def load_on_board(
     `find_rhythm`, is placed with the rest of its recording. Recordings of one movement in
     one frame are placed together, by `common_placement`.
     """
+    files = [Path(p) for p in ([paths] if isinstance(paths, str | Path) else paths)]
     demonstrations: list[Demonstration] = []
     remarks: list[str] = []
     if surface is None and extra:
@@ -50,7 +51,7 @@ def load_on_board(
     if surface is not None:
         reading = replace(reading or ReadingOptions(), all_arrays=True)
         demonstrations, remarks = load_as_recorded(
-            paths, stretch=stretch, reading=reading
+            files, stretch=stretch, reading=reading
         )
         if any(d.frame == "board" for d in demonstrations):
             raise DemonstrationError(
@@ -66,13 +67,13 @@ def load_on_board(
             **rhythm,
         )
         return demonstrations, [*remarks, *notes]
-    loaded = [load_as_recorded([p], stretch=stretch, reading=reading) for p in paths]
+    loaded = [load_as_recorded([p], stretch=stretch, reading=reading) for p in files]
     parts = [all(is_part(d.channels, d.units) for d in each) for each, _ in loaded]
     common = None
     if transform is None:
         recorded = [d for each, _ in loaded for d in each]
         common = common_placement(recorded, scenario=scenario, **rhythm)
-    for path, (recordings, notes), is_one in zip(paths, loaded, parts, strict=True):
+    for path, (recordings, notes), is_one in zip(files, loaded, parts, strict=True):
         remarks += notes
         if is_one and recordings and not all(parts):
             option = f"--surface fitted {extra_options(recordings[0])}"

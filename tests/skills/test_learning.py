@@ -14,7 +14,12 @@ from fmp_drake.primitives import (
     modulate_skill,
     save_skill,
 )
-from fmp_drake.skills import description, learn_skill, scenario_skill
+from fmp_drake.skills import (
+    description,
+    learn_skill,
+    load_on_board,
+    scenario_skill,
+)
 from fmp_drake.skills.description import (
     describe_recording,
     skill_in_words,
@@ -42,6 +47,19 @@ TIME = np.arange(0, 12, 0.05)
 def circles(phase, centre=0.0):
     x, y = centre + 0.08 * np.cos(phase), 0.12 * np.sin(phase)
     return np.column_stack([x, y, 0 * phase])
+
+
+def test_paths_of_recordings_and_skills_may_be_strings(tmp_path, wiping_skill):
+    file, skill_file = str(tmp_path / "circles.npz"), str(tmp_path / "skill.npz")
+    Demonstration(time=TIME, values=circles(3 * TIME)).save(file)
+    save_skill(wiping_skill, skill_file)
+    for paths in (file, [file]):
+        (placed,), _ = load_on_board(paths, scenario=Scenario())
+        assert placed.channels == ("x", "y", "z")
+    _, (learned,), _ = scenario_skill(Scenario(), demonstrations=file)
+    assert_allclose(learned.values, placed.values)
+    loaded, _, _ = scenario_skill(Scenario(), skill_file=skill_file)
+    assert loaded.period_ == wiping_skill.period_
 
 
 def test_a_shared_skill_is_learned_once_for_each_robot(tmp_path):
