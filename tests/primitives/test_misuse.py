@@ -21,6 +21,7 @@ from fmp_drake import (
 )
 from fmp_drake.errors import FmpError
 from fmp_drake.primitives import (
+    LqrTracker,
     find_rhythm,
     modulate_skill,
     read_demonstrations,
@@ -28,6 +29,7 @@ from fmp_drake.primitives import (
     skill_spectrum,
     transform_space,
 )
+from fmp_drake.primitives.discrete.discrete_movement_primitive import DiscreteMovement
 from fmp_drake.skills import learn_skill
 
 TIME = np.arange(0, 20, 0.05)
@@ -102,6 +104,26 @@ WRONG = {
     "advanced backwards": (
         lambda: player().advance(player().start([0.1, 0, 0]), -1.0),
         "seconds is -1.0 s; it must be at least 0 s",
+    ),
+    "plan of half a tick": (
+        lambda: player().plan(player().start([0.1, 0, 0]), 2.5),
+        "ticks is 2.5; it must be a whole number, at least 0",
+    ),
+    "one score of many samples": (
+        lambda: player().track_sample(
+            player().start([0.1, 0, 0]), count=9, score=lambda values: values.sum()
+        ),
+        r"cannot use the scores of shape \(1,\); expected \(9,\)",
+    ),
+    "class of a tracker": (
+        lambda: Player(player().skill, tracker=LqrTracker),
+        r"tracker is <class .*; give one such as LqrTracker\(\)",
+    ),
+    "motion at a word": (
+        lambda: DiscreteMovement(
+            coefficients=np.zeros((8, 1)), duration=1.0, component=0
+        ).motion("end"),
+        "the time: 'end' cannot be read as real numbers",
     ),
     "tempo of a path": (lambda: scale_tempo("a", 2.0), r"scale_tempo\(skill\) needs"),
     "spectrum of a path": (lambda: skill_spectrum("a"), r"skill_spectrum\(skill\) n"),

@@ -11,7 +11,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import DemonstrationError, SkillError
-from fmp_drake.numeric import Array, check_number, finite_array
+from fmp_drake.numeric import Array, as_floats, check_number, finite_array
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.reading.table import count_text
@@ -91,7 +91,7 @@ class DiscreteMovement:
             channel. Position and velocity are continuous everywhere; the acceleration
             is not 0 at the start and the end, and is 0 outside.
         """
-        t = np.asarray(seconds, dtype=float)
+        t = as_floats(seconds, "the time")
         omega = np.pi * np.arange(len(self.coefficients)) / self.duration
         angle = np.clip(t, 0.0, self.duration)[..., None] * omega
         is_during = ((t >= 0) & (t <= self.duration))[..., None]

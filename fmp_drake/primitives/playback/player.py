@@ -191,7 +191,7 @@ class Player:
             target = finite_array(target, "the target", (skill.components_[0].dim,))
         self._target = None if target is None else target.copy()
         tracker = LqrTracker() if tracker is None else tracker
-        if not hasattr(tracker, "relaxation"):
+        if isinstance(tracker, type) or not hasattr(tracker, "relaxation"):
             raise SkillError(f"tracker is {tracker!r}; give one such as LqrTracker().")
         self.relaxations = [
             tracker.relaxation(c, n_steps=skill.n_steps, tick=self.tick_seconds)
@@ -202,10 +202,8 @@ class Player:
         self._start_plan = skill.mapping_plan([skill.overlap - 1], tolerance=tolerance)
         first = np.arange(skill.overlap)
         self._remap_plan = skill.mapping_plan(first)
-        pushed = _start_variances(skill, _PUSH_TOLERANCE)
-        self._push_plan = skill.mapping_plan(
-            first, tolerance=np.tile(pushed, skill.overlap)
-        )
+        pushed = np.tile(_start_variances(skill, _PUSH_TOLERANCE), skill.overlap)
+        self._push_plan = skill.mapping_plan(first, tolerance=pushed)
         self._rows = skill.basis.synthesize(np.eye(skill.n_steps))[..., 0].T
         self._covariances: dict[int, Array] = {}
 
@@ -432,7 +430,8 @@ class Player:
         targets = centre + deviation
         order = np.arange(count)
         if score is not None:
-            order = np.argsort(-score(values[:count]), kind="stable")
+            scores = as_floats(score(values[:count]), "the scores", (count,))
+            order = np.argsort(-scores, kind="stable")
         if region is None:
             return self._tracking(state, targets[order[0]])
         best_state, least_ratio = state, math.inf
