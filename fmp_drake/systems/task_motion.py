@@ -44,7 +44,7 @@ class TaskMotion(LeafSystem):
         Measured, N; only where the skill has a force channel.
     surface_frame, surface_frame_velocity, surface_frame_acceleration : (7,), (6,), (6,)
         Quaternion (w, x, y, z) of R_WS and p_WS in m; V_WS and its time derivative, rotation
-        first. Optional; without them S is fixed at `X_WS`.
+        first. Only where `is_moving`; S is otherwise fixed at `X_WS`.
 
     Output ports
     ------------
