@@ -275,6 +275,9 @@ def test_matrices_of_a_reflection_are_not_a_pose(rows, tmp_path):
         ("ft_Fx,ft_Fy,ft_Fz,ft_Tx,ft_Ty,ft_Tz", False),
         ("F_x,F_y,F_z,T_x,T_y,T_z,x,y,z", True),
         ("fx,fy,fz,tx,ty,tz,qx,qy,qz,qw", True),  # The position of a pose.
+        ("fx,fy,fz,tx,ty,tz,rx,ry,rz", True),
+        ("fx,fy,fz,tx,ty,tz,roll,pitch,yaw", True),
+        ("fx,fy,fz,tx,ty,tz,A,B,C", True),
         ("fx,fy,fz,tx [m],ty [m],tz [m]", True),
     ],
 )
@@ -282,7 +285,7 @@ def test_columns_t_beside_a_force_are_a_torque(header, has_position, tmp_path):
     names = header.split(",")
     values = [files.PATH.T[k % 3] for k in range(6)]
     values += [files.PATH.T[k] + 1 for k in range(3) if "x" in names]
-    values += [0 * files.TIME + (k == 3) for k in range(4) if "qx" in names]
+    values += [0 * files.TIME + (k == 3) for k in range(len(names) - len(values))]
     text = files.lines(files.TIME, *values, header=f"time,{header}")
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert ({"x", "y", "z"} <= set(found.channels)) == has_position

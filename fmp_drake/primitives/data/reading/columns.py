@@ -312,7 +312,9 @@ def _channels(
     # Beside the force fx, fy and fz, tx, ty and tz are a torque, or the position of a pose.
     torques = {c.number for c in lengths if _TORQUE.sub("f", c.key) in keys - {c.key}}
     others = [c for c in lengths if c.number not in torques or c.unit]
-    if _groups(others, _POSITION, "xyz") or not orientations:
+    turns = ((_ROTATION, "xyz"), (_EULER, EULER_CHANNELS), (_KUKA, "cba"))
+    is_pose = orientations or any(_groups(columns, *form) for form in turns)
+    if _groups(others, _POSITION, "xyz") or not is_pose:
         lengths = others
     positions = _groups(lengths, _POSITION, "xyz")
     if "l" in positions:  # Then r is the right hand, not a rotation.
