@@ -426,6 +426,16 @@ def test_an_orientation_in_rows_of_its_own_follows_the_rotation(every, sign, tmp
     assert np.max((recorded * known.inv()).magnitude()) < 1e-6
 
 
+def test_quaternions_in_rows_of_their_own_may_lack_components_at_the_ends(tmp_path):
+    # Each component is known before the second of these positions, but not all at once.
+    lines = [f"{t},0,0,{t},,,," for t in files.TIME]
+    lines[1::2] = [f"{t},,,,0,0,0,1" for t in files.TIME[1::2]]
+    lines[1], lines[3] = f"{files.TIME[1]},,,,0,0,,", f"{files.TIME[3]},,,,,,0,1"
+    text = "\n".join(["time,x,y,z,qx,qy,qz,qw", *lines])
+    found, _ = read(files.write(tmp_path, text).path)
+    assert_allclose(found.select(["rx", "ry", "rz"]).values, 0, atol=1e-9)
+
+
 def test_quaternions_in_rows_of_their_own_must_be_unit_quaternions(tmp_path):
     lines = [f"{t},0,0,{t},,,," for t in files.TIME]
     lines[1::2] = [

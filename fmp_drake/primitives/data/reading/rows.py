@@ -59,14 +59,15 @@ def at_times(time: Array, stamps: Array, values: Array) -> Array:
 
 
 def slerp(time: Array, stamps: Array, quaternions: Array) -> Array:
-    """Return quaternions (N, 4) of stamps (N,), s, at times (n,) between them.
+    """Return quaternions (N, 4) of stamps (N,), s, at times (n,); the ends outside.
 
     They follow the rotation from one to the next, whatever their signs. Their lengths are
     interpolated, too, so that wrong ones are still found.
     """
     lengths = np.linalg.norm(quaternions, axis=1)
     unit = np.where(lengths[:, None] > 0, quaternions, [0.0, 0.0, 0.0, 1.0])
-    turned: Array = Slerp(stamps, Rotation.from_quat(unit))(time).as_quat()
+    inside = time.clip(stamps[0], stamps[-1])
+    turned: Array = Slerp(stamps, Rotation.from_quat(unit))(inside).as_quat()
     return turned * np.interp(time, stamps, lengths)[:, None]
 
 
