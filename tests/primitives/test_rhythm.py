@@ -832,6 +832,39 @@ def test_laps_of_many_strokes_are_the_cycles(movement, laps):
     assert np.mean(gaps > 0.02) < 0.05
 
 
+def test_a_winding_way_from_home_and_back_is_not_the_lap():
+    circles = drop(np.linspace(0, 6 * np.pi, 121))
+    u = np.linspace(0, 1, 120)[:, None]
+    way = (1 - u) * [0.3, 0.2] + u * circles[0] + np.sin(np.pi * u) * [-0.1, 0.8]
+    path = np.concatenate([way[:-1], circles, way[-2::-1]])
+    found = find_rhythm(demonstration(path))
+    assert found.cycles == pytest.approx(3, abs=0.15)
+    assert [part.kind for part in found.left_out] == ["approach", "retreat"]
+
+
+def test_growing_circles_before_another_movement_are_not_a_spiral():
+    circles = drop(np.linspace(0, 12 * np.pi, 241), 0.05)
+    circles *= np.linspace(1, 3, 241)[:, None]
+    phase = np.linspace(0, 6 * np.pi, 150)
+    eights = [0.5, 0] + 0.08 * np.column_stack([np.sin(phase), np.sin(2 * phase) / 2])
+    ways = (circles[-1], eights[0]), (eights[-1], circles[0])
+    there, back = (np.linspace(*ends, 20)[1:-1] for ends in ways)
+    found = find_rhythm(demonstration(np.concatenate([circles, there, eights, back])))
+    assert found.cycles == pytest.approx(6, abs=0.3)
+    assert "another movement" in [part.kind for part in found.left_out]
+
+
+def test_a_noisy_approach_of_one_cycle_is_left_out():
+    circle = 0.15 * drop(np.linspace(0, 2 * np.pi, 100), 1.0)
+    circle = np.column_stack([circle, 0 * circle[:, 0]])
+    way = np.linspace(circle[0] + [0, 0, 0.2], circle[0], 60)
+    path = np.concatenate([way[:-1], circle, way[-2::-1]])
+    path += 0.005 * np.random.default_rng(0).standard_normal(path.shape)
+    found = find_rhythm(demonstration(path))
+    assert [part.kind for part in found.left_out] == ["approach", "retreat"]
+    assert found.period == pytest.approx(5.5, abs=1.0)
+
+
 def strokes_there_and_back(cycles, period, strokes):
     """Return cycles (n, 2), m, of short strokes whose centre moves away and back."""
     time = np.arange(round(20 * cycles * period)) / 20

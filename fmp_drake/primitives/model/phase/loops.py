@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import KDTree
 
 from fmp_drake.numeric import Array
@@ -18,8 +19,9 @@ _LAST_PART = 0.3
 # Spread of a movement in a direction in which it is thin, relative to its greatest, and distance
 # from it in such a direction where it ends, relative to its size.
 _THIN, _AWAY = 0.35, 0.15
-# Least distance between the ends of an approach or retreat, relative to its length.
-_DIRECT = 0.4
+# Least distance between the ends of an approach or retreat, relative to its length, and
+# standard deviation of the smoothing before, samples.
+_DIRECT, _SMOOTHING = 0.4, 2.0
 # Pauses at an end that are not reported: relative to the remainder of the recording, samples.
 _SHORT, _FEW = 0.1, 2
 
@@ -181,6 +183,8 @@ def _without_approach(path: Array, part: slice) -> slice | None:
 
 def is_direct(path: Array) -> bool:
     """Return whether a path (n, D) leads from its beginning to its end, without strokes."""
+    if len(path):  # Without noise, which makes a slow path long.
+        path = gaussian_filter1d(path, _SMOOTHING, axis=0)
     length = np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1))
     return not length or bool(np.linalg.norm(path[-1] - path[0]) > _DIRECT * length)
 

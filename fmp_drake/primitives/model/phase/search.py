@@ -282,9 +282,12 @@ def _search_or_join(
         if found is None:
             raise
         return found
-    strokes = tracked.track
-    if _has_strokes_of_lap(strokes) or _omits_strokes(
-        tracked.rhythm, recordings[0][:, columns], rate
+    strokes, rhythm = tracked.track, tracked.rhythm
+    # A circle that grows before another movement is not a spiral that returns.
+    has_other = any(part.kind == "another movement" for part in rhythm.left_out)
+    may_be_lap = strokes.shifted > WANDERING or not has_other
+    if (may_be_lap and _has_strokes_of_lap(strokes)) or _omits_strokes(
+        rhythm, recordings[0][:, columns], rate
     ):
         found = _one_cycle(recordings, columns, rate, period)
         # An eight that grows closes too, but nothing leads back to its beginning.
@@ -356,17 +359,19 @@ def _has_strokes_of_lap(track: PhaseTrack) -> bool:
 def _omits_strokes(rhythm: Rhythm, path: Array, rate: float) -> bool:
     """Return whether strokes of a path (n, D) before or after the bouts are longer than these.
 
-    Of strokes along a line and back, only those where it turns resemble one another. A long
+    Of strokes along a line and back, only those where it turns resemble one another. A part
+    of one period is a stroke if it is not direct, unlike one of a winding approach. A long
     path is no lap.
     """
-    omitted = sum(
-        part.duration
-        for part in rhythm.left_out
-        if part.kind in _WITH_STROKES
-        and not is_direct(path[round(part.start * rate) : round(part.end * rate)])
-    )
+    omitted = 0
+    for part in rhythm.left_out:
+        if part.kind in _WITH_STROKES:
+            omission = path[round(part.start * rate) : round(part.end * rate)]
+            count = max(round(part.duration / rhythm.period), 1)
+            pieces = np.array_split(omission, count)
+            omitted += sum(len(piece) for piece in pieces if not is_direct(piece))
     in_bouts = sum(bout.duration for bout in rhythm.bouts)
-    return omitted > in_bouts and len(path) <= _LONGEST_LAP
+    return omitted > in_bouts * rate and len(path) <= _LONGEST_LAP
 
 
 def _samples(track: PhaseTrack) -> int:
