@@ -428,7 +428,8 @@ class SkillConfig:
         the most ink of the demonstrated area is tracked. 1 for any sample, as in the paper.
     margin : float or None
         Largest distance of samples from the demonstrated paths, m; None for 20 mm, or for
-        the distance of the mean movement where cycles differ by more.
+        the distance of the mean movement where cycles differ by more, at most a fifth of half
+        the width of the movement.
     seed : int
         Of the samples.
     tempo : float

@@ -20,7 +20,7 @@ from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives import FourierMovementPrimitive, Player, Tracker
 from fmp_drake.primitives.data.channels import ChannelRoles, channel_roles
 from fmp_drake.primitives.data.orientation import rotation_vectors
-from fmp_drake.primitives.model.region import DemonstratedRegion
+from fmp_drake.primitives.model.region import DemonstratedRegion, automatic_margin
 from fmp_drake.primitives.model.trajectory_mixture import check_skill
 from fmp_drake.station.board_scene import BoardScene, Connect
 from fmp_drake.station.scenario import Scenario
@@ -120,7 +120,9 @@ def SkillMargin(scenario: Scenario, skill: FourierMovementPrimitive) -> float | 
     means = skill.synthesize([component.mean for component in skill.components_])
     # The second half of a window may not be played.
     distance = region.distance(means[:, : skill.n_steps // 2])
-    return max(_MARGIN, float(np.max(distance)))
+    # The mean of unlike movements is far from all of them: their samples would be anywhere.
+    most = automatic_margin(skill) or _MARGIN
+    return max(_MARGIN, min(float(np.max(distance)), most))
 
 
 def SkillRoles(skill: FourierMovementPrimitive) -> ChannelRoles:

@@ -16,9 +16,15 @@ from pydrake.systems.analysis import Simulator
 from station_run import StationRun, check_limits
 
 from fmp_drake.errors import StationError
-from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker, modulate_skill
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    LqrTracker,
+    modulate_skill,
+)
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.skill_motion import SkillMargin
 from fmp_drake.station.station import MakeStation, MakeWipingStation
 from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.ink.grid import cleaned_fraction
@@ -410,6 +416,16 @@ def test_margin_reaches_the_mean_of_cycles_that_differ(bundled_skill, restless_s
     ]
     assert margins[0] == 0.02
     assert 0.03 < margins[1] < 0.05
+
+
+def test_margin_is_small_beside_the_movement_where_its_mean_is_none_of_it():
+    time = np.arange(1200) / 20
+    circles = 0.15 * np.column_stack([np.cos(time), np.sin(time), 0 * time])
+    skill = FourierMovementPrimitive(n_components=1, model="mixture").fit(
+        Demonstration(time=time, values=circles)
+    )
+    # The mean of all windows is the centre, 150 mm from the path.
+    assert 0.03 < SkillMargin(LoadScenario("table_top"), skill) < 0.05
 
 
 def test_scenario_moves_the_board(restless_skill):
