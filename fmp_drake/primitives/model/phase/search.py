@@ -283,9 +283,10 @@ def _search_or_join(
             raise
         return found
     strokes, rhythm = tracked.track, tracked.rhythm
-    # A circle that grows before another movement is not a spiral that returns.
-    has_other = any(part.kind == "another movement" for part in rhythm.left_out)
-    may_be_lap = strokes.shifted > WANDERING or not has_other
+    # A spiral returns backwards; a circle that grows may precede another movement.
+    kinds = {part.kind for part in rhythm.left_out}
+    is_other = "another movement" in kinds and "backwards" not in kinds
+    may_be_lap = strokes.shifted > WANDERING or not is_other
     if (may_be_lap and _has_strokes_of_lap(strokes)) or _omits_strokes(
         rhythm, recordings[0][:, columns], rate
     ):
