@@ -10,13 +10,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
-from sklearn.exceptions import NotFittedError
 from trials_stub import Here
 
 from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
 from fmp_drake.experiments.baselines import method as method_module
 from fmp_drake.experiments.baselines.gaussian_processes import DelayGP, RecordingGP
-from fmp_drake.experiments.baselines.method import HORIZON, PAST
 from fmp_drake.experiments.baselines.periodic_dmp import (
     AdaptiveOscillatorDMP,
     PeriodicDMP,
@@ -370,12 +368,6 @@ def test_playback_that_stops_has_no_tempo():
 
 
 # Methods.
-
-
-@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
-def test_a_method_that_was_not_fitted_says_so(method):
-    with pytest.raises(NotFittedError, match="call fit before predict"):
-        method().predict(np.zeros((PAST, 3)), HORIZON)
 
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)

@@ -4,10 +4,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from sklearn.exceptions import NotFittedError
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.numeric import Array
@@ -116,14 +114,6 @@ class Method(ABC):
     """
 
     name: str
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            """Raise an error that says what is missing, where `fit` sets an attribute."""
-            raise NotFittedError(
-                f"{type(self).__name__} has no {name}; call fit before predict and play."
-            )
 
     @abstractmethod
     def fit(self, recordings: Sequence[Array]) -> None:
