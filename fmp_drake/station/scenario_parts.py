@@ -427,9 +427,9 @@ class SkillConfig:
         Number of samples at the start and at each re-mapping; the one that passes over
         the most ink of the demonstrated area is tracked. 1 for any sample, as in the paper.
     margin : float or None
-        Largest distance of samples from the demonstrated paths, m; None for 20 mm, or for
-        the distance of the mean movement where cycles differ by more, at most a fifth of half
-        the width of the movement.
+        Largest distance of samples from the demonstrated paths, m; None for 20 mm, or, of a
+        phase model, for the distance of the mean movement where cycles differ by more, at
+        most a fifth of half the width of the movement.
     seed : int
         Of the samples.
     tempo : float

@@ -116,11 +116,12 @@ def SkillMargin(scenario: Scenario, skill: FourierMovementPrimitive) -> float | 
         return None
     if scenario.skill.margin is not None:
         return scenario.skill.margin
+    if skill.phase_model_ is None:  # The means of unlike movements are none of them.
+        return _MARGIN
     region = DemonstratedRegion(skill, _MARGIN)
     means = skill.synthesize([component.mean for component in skill.components_])
     # The second half of a window may not be played.
     distance = region.distance(means[:, : skill.n_steps // 2])
-    # The mean of unlike movements is far from all of them: their samples would be anywhere.
     most = automatic_margin(skill) or _MARGIN
     return max(_MARGIN, min(float(np.max(distance)), most))
 
