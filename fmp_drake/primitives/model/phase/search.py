@@ -282,18 +282,9 @@ def _search_or_join(
         if found is None:
             raise
         return found
-    strokes, rhythm = tracked.track, tracked.rhythm
-    # A spiral returns backwards; a circle that grows may precede another movement.
-    kinds = {part.kind for part in rhythm.left_out}
-    is_other = "another movement" in kinds and "backwards" not in kinds
-    may_be_lap = strokes.shifted > WANDERING or not is_other
-    if (may_be_lap and _has_strokes_of_lap(strokes)) or _omits_strokes(
-        rhythm, recordings[0][:, columns], rate
-    ):
+    if _may_be_strokes(tracked, recordings[0][:, columns], rate):
         found = _one_cycle(recordings, columns, rate, period)
-        # An eight that grows closes too, but nothing leads back to its beginning.
-        most = _PART * _samples(found[0].track) if found else 0
-        if found and (strokes.shifted > WANDERING or _samples(strokes) < most):
+        if found and _is_lap_of(tracked.track, found[0].track):
             return found
     if tracked.misfit:
         found = _search_without_pauses(recordings, columns, rate, period)
@@ -348,21 +339,40 @@ def _one_cycle(
     return tracked, _parts(tracked)
 
 
-def _has_strokes_of_lap(track: PhaseTrack) -> bool:
-    """Return whether its cycles may be the strokes of one closed cycle.
+def _may_be_strokes(tracked: TrackedRhythm, path: Array, rate: float) -> bool:
+    """Return whether the cycles of a path (n, D) may be the strokes of one closed cycle."""
+    track, rhythm = tracked.track, tracked.rhythm
+    kinds = {part.kind for part in rhythm.left_out}
+    # A spiral returns backwards; a circle that grows may precede another movement.
+    is_other = "another movement" in kinds and "backwards" not in kinds
+    are_strokes = _has_strokes_of_lap(track) and (_wanders(track) or not is_other)
+    return are_strokes or _omits_strokes(rhythm, path, rate)
 
-    Those are beside one another, or they are the turns of a spiral.
+
+def _is_lap_of(strokes: PhaseTrack, lap: PhaseTrack) -> bool:
+    """Return whether a closed cycle has more than strokes about one centre.
+
+    An eight that grows closes too, but nothing leads back to its beginning.
     """
+    return _wanders(strokes) or _samples(strokes) < _PART * _samples(lap)
+
+
+def _has_strokes_of_lap(track: PhaseTrack) -> bool:
+    """Return whether its cycles are beside one another, or the turns of a spiral."""
     is_short = track.cycles <= _MOST_STROKES and _samples(track) <= _LONGEST_LAP
-    return is_short and (track.shifted > WANDERING or _is_spiral(track))
+    return is_short and (_wanders(track) or _is_spiral(track))
+
+
+def _wanders(track: PhaseTrack) -> bool:
+    return track.shifted > WANDERING
 
 
 def _omits_strokes(rhythm: Rhythm, path: Array, rate: float) -> bool:
     """Return whether strokes of a path (n, D) before or after the bouts are longer than these.
 
     Of strokes along a line and back, only those where it turns resemble one another. A part
-    of one period is a stroke if it is not direct, unlike one of a winding approach. A long
-    path is no lap.
+    of one period is a stroke if it is not direct, unlike one of a winding approach. A path of
+    more than `_LONGEST_LAP` samples is not a lap.
     """
     omitted = 0
     for part in rhythm.left_out:
