@@ -15,6 +15,8 @@ from fmp_drake.primitives.model.phase.cycle import FEW_CYCLES, count_cycles
 _RIDGE = 1e-6
 _MOST_RADIUS = 0.995
 _VELOCITY_ORDER, _RESIDUAL_ORDER = 4, 6
+# Fraction of a recording, half of it at either end, that is tapered.
+_TAPERED_FRACTION = 0.3
 # Fraction of the windows, those with the greatest phase noise, that are left out.
 _OUTLIER_FRACTION = 0.05
 # Sufficient number of whole windows per sample of a window.
@@ -82,13 +84,15 @@ class Autoregression:
 
         It has `order` coefficients. D^2 times as many would explain few samples nearly
         exactly, and the process would hardly vary. The Yule-Walker equations keep the
-        variance; recordings are tapered, because their ends would otherwise look like
-        jumps.
+        variance; the ends of recordings are tapered, because they would otherwise look
+        like jumps.
         """
+        from scipy.signal.windows import tukey  # Slow to import.
+
         products = np.zeros(order + 1)
         for v in recordings:
-            taper = np.sin(np.pi * (np.arange(len(v)) + 0.5) / len(v)) ** 2
-            x = v * taper[:, None]
+            # The rest keeps its weight: L is fitted to all of it.
+            x = v * tukey(len(v), _TAPERED_FRACTION)[:, None]
             for lag in range(min(order + 1, len(v))):
                 products[lag] += np.sum(x[lag:] * x[: len(v) - lag])
         correlation = products / max(products[0], 1e-300)
