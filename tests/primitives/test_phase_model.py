@@ -27,7 +27,10 @@ from fmp_drake.primitives.model.phase.calibration import (
 )
 from fmp_drake.primitives.model.phase.components import leading_eigenvectors
 from fmp_drake.primitives.model.phase.cycle import Cycle
-from fmp_drake.primitives.model.phase.random_processes import Residual
+from fmp_drake.primitives.model.phase.random_processes import (
+    Autoregression,
+    Residual,
+)
 from fmp_drake.primitives.model.phase.search import search_rhythm
 from fmp_drake.primitives.model.phase.tracking import best_labels, phase_path
 from fmp_drake.primitives.model.prediction import (
@@ -264,6 +267,19 @@ def test_residual_of_few_cycles_varies_as_much_and_as_smoothly_as_it_was_shown()
         return np.sqrt(np.mean(jerk**2) / np.mean(values**2))
 
     assert 0.3 < roughness(drawn) / roughness(shown) < 3
+
+
+def test_a_stroke_in_the_middle_of_a_recording_weighs_as_much_as_the_rest():
+    t = np.arange(200)
+    stroke = np.sin(2 * np.pi * t / 8) * (np.abs(t - 100) < 12)
+    shown = (np.sin(2 * np.pi * t / 90) + stroke)[:, None]
+    process = Autoregression.fit_shared([shown], order=6)
+    zero, one = process.autocovariance(2).ravel()
+    speed = 2 * (zero - one) / zero
+    # Where the middle weighs most, it is 2.2 times as large.
+    assert speed == pytest.approx(
+        np.mean(np.diff(shown, axis=0) ** 2) / np.mean(shown**2), rel=0.3
+    )
 
 
 def test_two_samples_are_enough_to_find_the_phase():
