@@ -801,6 +801,13 @@ def two_hands(folder):
     return write(folder, lines(*columns, header=",".join(["time", *names])))
 
 
+def two_arms_one_force(folder):
+    arms = [("left", "t"), ("right", "t"), ("right", "f")]
+    names = [f"{arm}_{kind}{axis}" for arm, kind in arms for axis in "xyz"]
+    columns = (TIME, *PATH.T, *PATH.T, *PATH.T)
+    return write(folder, lines(*columns, header=",".join(["time", *names])))
+
+
 def left_and_right(folder):
     names = [f"{hand}_{axis}" for axis in "xyz" for hand in "lr"]
     columns = (TIME, *np.repeat(PATH.T, 2, axis=0))

@@ -319,6 +319,7 @@ def test_broken_vicon_files_are_refused(old, new, message, tmp_path):
             r"several arms \(left_arm_q1, right_arm_q1 .* joint1=left_arm_",
         ),
         (files.two_hands, r"several positions \(left_x, right_x \.\.\.\): choose with"),
+        (files.two_arms_one_force, r"several positions \(left_tx, right_tx \.\.\.\)"),
     ],
     ids=lambda each: getattr(each, "__name__", ""),
 )
@@ -422,6 +423,15 @@ def test_angles_of_opensim_have_the_unit_of_the_header(
     assert found.units == (("1", "rad", "rad") if is_known else ("1", "1", "1"))
     assert_allclose(found.values[:, 0], files.PATH[:, 0], atol=1e-9)
     assert_allclose(found.values[:, 1:], factor * files.PATH[:, 1:], atol=1e-9)
+
+
+@pytest.mark.parametrize("names", ["px,py,pz", "tx,ty,tz", "x,y,z"])
+def test_positions_in_a_file_of_opensim_are_no_angles(names, tmp_path):
+    head = "Coordinates\nversion=1\nnRows=400\ninDegrees=yes\nendheader\n"
+    text = head + files.xyz(header=f"time,{names}")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text, "ik.mot").path])
+    assert (found.channels, found.units) == (("x", "y", "z"), ("m", "m", "m"))
+    assert_allclose(found.values, files.PATH, atol=1e-9)
 
 
 def test_components_of_a_force_have_standard_names(tmp_path):

@@ -279,6 +279,7 @@ def test_matrices_of_a_reflection_are_not_a_pose(rows, tmp_path):
         ("fx,fy,fz,tx,ty,tz,roll,pitch,yaw", True),
         ("fx,fy,fz,tx,ty,tz,A,B,C", True),
         ("fx,fy,fz,tx [m],ty [m],tz [m]", True),
+        ("ft_fx,ft_fy,ft_fz,ft_tx,ft_ty,ft_tz,tool_tx,tool_ty,tool_tz", True),
     ],
 )
 def test_columns_t_beside_a_force_are_a_torque(header, has_position, tmp_path):

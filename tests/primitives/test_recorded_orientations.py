@@ -86,6 +86,22 @@ def test_euler_angles_are_an_orientation(header, angles, columns, tmp_path):
     assert "read as Euler angles, R = Rz(yaw) Ry(pitch) Rx(roll)" in remarks
 
 
+@pytest.mark.parametrize("revolution", [360.0, 2 * np.pi])
+@pytest.mark.parametrize("least", [0.0, -0.5])
+def test_slower_angles_that_jump_by_a_revolution_are_interpolated(
+    revolution, least, tmp_path
+):
+    angles = (RADIANS[:, ::-1] / (2 * np.pi) - least) % 1 + least
+    angles[np.arange(400) % 4 > 0] = np.nan
+    path = table(tmp_path, revolution * angles, header="x,y,z,A,B,C")
+    found, remarks = read(path)
+    assert "yaw, pitch, roll interpolated at the times of the position" in remarks
+    vectors = found.select(["rx", "ry", "rz"]).values
+    recorded = rotations_of(vectors, found.rotation_reference)
+    turns = TURNS[: len(recorded)]
+    assert np.max((recorded * turns.inv()).magnitude()) < 2e-3
+
+
 @pytest.mark.parametrize(
     ("header", "largest", "unit"),
     [
@@ -358,7 +374,8 @@ def test_refusal_of_a_jump_tells_how_the_orientation_was_read(header, hint, tmp_
         return
     # Angles may be those of something else: the path can be learned without them.
     found, remarks = read(path)
-    assert re.search(f"orientation left out: .*{words}", remarks)
+    for text in (remarks, found.note):
+        assert re.search(f"orientation left out: .*{words}", text)
     assert found.channels == ("x", "y", "z")
     assert_allclose(found.values, files.PATH, atol=1e-12)
 

@@ -523,6 +523,8 @@ def read_demonstrations(
             if not table.has_angles:
                 raise
             remarks.append(f"orientation left out: {error}")
+            note = "; ".join(filter(None, [recording.note, remarks[-1]]))
+            recording = replace(recording, note=note)
         names = [c for c in recording.channels if c not in QUATERNION_CHANNELS]
         demonstrations[i] = recording.select(names)
     first = next((d for d in demonstrations if d.rotation_reference), None)

@@ -83,6 +83,8 @@ NO_MEASURED_ANGLES = re.compile(
 _NORMAL_FORCE = re.compile(r"(.*_)?(normal_force|force_normal)")
 _FORCE = re.compile(r"(.*?)_?(?:(?<![a-z0-9])f|force)_?([xyz])")
 _TORQUE = re.compile(r"(?<![a-z0-9])t(?=_?[xyz]$)")
+# What differs between the names of two arms' columns.
+_SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
 NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
     r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau|ori)$|^(q|v|a|w|b)_"
@@ -309,8 +311,11 @@ def _channels(
     orientations = _groups(columns, _QUATERNION, "xyzw")
     lengths = [c for c in columns if _is_length(c)]
     keys = {c.key for c in columns}
-    # Beside the force fx, fy and fz, tx, ty and tz are a torque, or the position of a pose.
+    # Beside the force fx, fy and fz, tx, ty and tz are a torque, or the position of a pose
+    # or of an arm beside another one without a force.
     torques = {c.number for c in lengths if _TORQUE.sub("f", c.key) in keys - {c.key}}
+    arms = {_SIDE.sub("", c.key) for c in lengths if c.number not in torques}
+    torques -= {c.number for c in lengths if _SIDE.sub("", c.key) in arms}
     others = [c for c in lengths if c.number not in torques or c.unit]
     turns = ((_ROTATION, "xyz"), (_EULER, EULER_CHANNELS), (_KUKA, "cba"))
     is_pose = orientations or any(_groups(columns, *form) for form in turns)

@@ -7,7 +7,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from fmp_drake.numeric import Array, Mask
-from fmp_drake.primitives.data.channels import POSITION_CHANNELS, QUATERNION_CHANNELS
+from fmp_drake.primitives.data.channels import (
+    EULER_CHANNELS,
+    POSITION_CHANNELS,
+    QUATERNION_CHANNELS,
+)
 from fmp_drake.primitives.data.reading.table import LONGEST_GAP, Column, count_text
 
 LEAST_COMPLETE = 0.5
@@ -34,11 +38,11 @@ def interpolated(
     are_most = np.mean(np.all(known, axis=1)) >= LEAST_COMPLETE
     if are_most or not axes.any() or not len(others) or np.any(is_sparse):
         return values, np.ones(len(values), dtype=bool)
-    values = values.copy()
+    values, order = values.copy(), list(channels)
     for i in others:
         rows = known[:, i]
-        values[~rows, i] = at_times(time[~rows], time[rows], values[rows, i])
-    order = list(channels)
+        at = angles_at_times if order[i] in EULER_CHANNELS else at_times
+        values[~rows, i] = at(time[~rows], time[rows], values[rows, i])
     index = [order.index(n) for n in QUATERNION_CHANNELS if n in channels]
     rows = np.all(known[:, index], axis=1)
     is_new = ~rows & ~np.any(np.isnan(values[:, index]), axis=1)
@@ -56,6 +60,17 @@ def at_times(time: Array, stamps: Array, values: Array) -> Array:
     is_near = stamps[after] - stamps[after - 1] <= LONGEST_GAP
     is_inside = (stamps[0] <= time) & (time <= stamps[-1])
     return np.where(is_near & is_inside, np.interp(time, stamps, values), np.nan)
+
+
+def angles_at_times(time: Array, stamps: Array, angles: Array) -> Array:
+    """Return angles like `at_times`, which may jump by a revolution: 360 or 2 pi."""
+    jump, span = np.max(np.abs(np.diff(angles)), initial=0.0), np.ptp(angles)
+    for revolution in (360.0, 2 * np.pi):
+        if jump > 0.75 * revolution and span < 1.02 * revolution:
+            new = at_times(time, stamps, np.unwrap(angles, period=revolution))
+            least = np.min(angles)
+            return (new - least) % revolution + least
+    return at_times(time, stamps, angles)
 
 
 def slerp(time: Array, stamps: Array, quaternions: Array) -> Array:

@@ -42,7 +42,7 @@ _LIST = re.compile(r""""?(?:array\()?(?:'d', ?)?[\[(]([-+.\deE,; \[\]]+)[\])]+"?
 _LIST_MARK = re.compile(r"[,; \[\]]+")
 # Header of OpenSim, and its columns that are not angles of joints.
 _IN_DEGREES = re.compile(r"^inDegrees\s*=\s*(yes|no)\s*$", re.IGNORECASE | re.MULTILINE)
-_NO_ANGLE = re.compile(r"time|.*_t[xyz]")
+_NO_ANGLE = re.compile(r"time|.*_t[xyz]|[pt]?[xyz]")
 # Greatest fraction of broken rows that are left out; number of rows that allows one.
 _MOST_BROKEN, _FEW = 0.01, 20
 # Greatest number of broken rows that a command deletes.
