@@ -3,20 +3,14 @@
 from pathlib import Path
 
 import click
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.geometry import SceneGraph
 from rich.table import Table
 from rich.text import Text
 
 from fmp_drake.apps.page import make_console, print_next
 from fmp_drake.errors import StationError
 from fmp_drake.station.reach.posture import FindLevelReach
-from fmp_drake.station.robots.robot import (
-    AddRobot,
-    ListRobots,
-    LoadRobot,
-    MakeRobotModel,
-)
+from fmp_drake.station.robots.robot import ListRobots, LoadRobot, MakeRobotModel
 from fmp_drake.station.robots.stability import CheckStability
 from fmp_drake.systems import ImpedanceConfig
 
@@ -32,10 +26,9 @@ def robots(files: tuple[str, ...]) -> None:
     problems = []
     for name in files or ListRobots():
         config = LoadRobot(name)
-        robot = MakeRobotModel(config)
-        if files:  # Pictures are read for a scene graph only.
-            plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.0)
-            AddRobot(plant, config)
+        # Pictures are read for a scene graph only.
+        scene_graph = SceneGraph() if files else None
+        robot = MakeRobotModel(config, scene_graph=scene_graph)
         try:
             CheckStability(robot, ImpedanceConfig())
         except StationError as error:
