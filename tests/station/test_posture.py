@@ -88,7 +88,7 @@ def test_same_pose_gives_the_same_posture(arm):
 )
 def test_pose_out_of_reach_is_refused_with_its_place(arm, p):
     x, y, z = p
-    place = rf"\({x:.3f}, {y:.3f}, {z:.3f}\) m.*nearer to the middle"
+    place = rf"bring eraser_tip to \({x:.3f}, {y:.3f}, {z:.3f}\) m.*the base of the arm"
     with pytest.raises(StationError, match=place):
         solve(arm, RigidTransform(DOWN, p))
 

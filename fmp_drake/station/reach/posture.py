@@ -67,6 +67,25 @@ def SolvePosture(
     StationError
         Where the arm cannot reach the pose.
     """
+    q = _FindPosture(plant, frame, X_WE, q_preferred, spring_width)
+    if q is None:
+        x, y, z = X_WE.translation()
+        raise StationError(
+            f"the arm cannot bring {frame.name()} to ({x:.3f}, {y:.3f}, {z:.3f}) m in the "
+            f"world in this orientation with every joint {_LIMIT_MARGIN} rad inside its "
+            "limits; choose another pose, or check the limits and the base of the arm."
+        )
+    return q
+
+
+def _FindPosture(
+    plant: MultibodyPlant,
+    frame: Frame,
+    X_WE: RigidTransform,
+    q_preferred: ArrayLike,
+    spring_width: float,
+) -> Array | None:
+    """Return the result of `SolvePosture`, or None."""
     n = plant.num_positions()
     preferred = finite_array(q_preferred, "the posture", (n,), error=StationError)
     limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
@@ -87,13 +106,6 @@ def SolvePosture(
     elif margin(q) < outside:
         farther = _SolveFrom(preferred, plant, frame, X_WE, least_margin=outside)
         q = q if farther is None else farther
-    if q is None:
-        x, y, z = X_WE.translation()
-        raise StationError(
-            f"the arm cannot bring the eraser to ({x:.3f}, {y:.3f}, {z:.3f}) m in the "
-            "world with the eraser level on the board; choose a point nearer to the "
-            "middle of the board, or another pose of the board or of the robot's base."
-        )
     return q
 
 
@@ -121,13 +133,16 @@ def SolveStartPosture(scenario: Scenario, model: Robot, start: ArrayLike) -> Arr
     preferred = scenario.preferred_posture()
     limits = model.plant.GetPositionLowerLimits(), model.plant.GetPositionUpperLimits()
     check_posture(preferred, model.joint_names, *limits)
-    return SolvePosture(
-        model.plant,
-        frame=model.tip,
-        X_WE=X_WB @ scenario.eraser_pose(start),
-        q_preferred=preferred,
-        spring_width=scenario.impedance.walls.width,
-    )
+    X_WE, width = X_WB @ scenario.eraser_pose(start), scenario.impedance.walls.width
+    q = _FindPosture(model.plant, model.tip, X_WE, preferred, width)
+    if q is None:
+        x, y, z = X_WE.translation()
+        raise StationError(
+            f"the arm cannot bring the eraser to ({x:.3f}, {y:.3f}, {z:.3f}) m in the "
+            "world with the eraser level on the board; choose a point nearer to the "
+            "middle of the board, or another pose of the board or of the robot's base."
+        )
+    return q
 
 
 def _SolveFrom(
