@@ -2,6 +2,7 @@
 
 import copy
 import gc
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -33,7 +34,7 @@ from fmp_drake.errors import SystemsError
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.systems.impedance.algebra import Pose, task_error
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.joints import rate_scale, torque_scale
+from fmp_drake.systems.impedance.joints import FrictionConfig, rate_scale, torque_scale
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
 from fmp_drake.systems.impedance.records import values_of
 from fmp_drake.systems.impedance.step import impedance_step
@@ -402,8 +403,7 @@ def make_planar(plant: MultibodyPlant, **kwargs) -> OperationalSpaceImpedanceCon
         plant,
         end_effector=plant.GetFrameByName("lower"),
         X_WT=RigidTransform(),
-        config=ImpedanceConfig(),
-        **kwargs,
+        **{"config": ImpedanceConfig()} | kwargs,
     )
 
 
@@ -451,6 +451,21 @@ def test_a_joint_without_a_motor_is_refused():
     passive = TWO_JOINTS.replace("</robot>", PASSIVE_JOINT + "</robot>")
     with pytest.raises(SystemsError, match=r"each of its 3 joints.*it has 2"):
         make_planar(planar_plant(passive))
+
+
+def test_an_arm_without_motors_is_refused():
+    passive = re.sub(
+        r"<transmission.*?</transmission>", "", TWO_JOINTS, flags=re.DOTALL
+    )
+    with pytest.raises(SystemsError, match=r"order shoulder, elbow; it has 0\.$"):
+        make_planar(planar_plant(passive))
+
+
+def test_friction_of_another_arm_is_refused_by_the_name_of_its_setting():
+    friction = FrictionConfig(enabled=True, height=[1.0], slope=[1.0], shift=[0.0])
+    config = ImpedanceConfig(friction_compensation=friction)
+    with pytest.raises(SystemsError, match=r"^friction_compensation\.height must be 2"):
+        make_planar(planar_plant(TWO_JOINTS), config=config)
 
 
 def test_motors_in_another_order_than_the_joints_are_refused_with_both_orders():

@@ -426,20 +426,20 @@ class SigmoidFriction(NamedTuple):
     shift: Array
 
     @classmethod
-    def of(cls, config: FrictionConfig, *, n: int) -> Self:
-        """Check a configuration for an arm of n joints.
+    def of(cls, config: FrictionConfig, *, n: int, name: str = "friction") -> Self:
+        """Check a configuration, called `name` in errors, for an arm of n joints.
 
         Raises
         ------
         SystemsError
             If a list does not have n finite numbers, or one has the wrong sign.
         """
-        check_settings(config, SystemsError, "friction.")
+        check_settings(config, SystemsError, f"{name}.")
         lists = (config.height, config.slope, config.shift)
-        for name, values in zip(("height", "slope", "shift"), lists, strict=True):
+        for part, values in zip(("height", "slope", "shift"), lists, strict=True):
             if len(values) != n:
                 raise SystemsError(
-                    f"friction.{name} must be {n} numbers, one per joint, got {values}"
+                    f"{name}.{part} must be {n} numbers, one per joint, got {values}"
                 )
         height, slope, shift = np.array(lists, dtype=float)
         return cls(config.gain * height, slope, shift)

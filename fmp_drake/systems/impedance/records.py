@@ -143,7 +143,9 @@ def joint_settings(
     n = len(q_posture)
     friction = SigmoidFriction(np.zeros(n), np.zeros(n), np.zeros(n))
     if config.friction_compensation.enabled:
-        friction = SigmoidFriction.of(config.friction_compensation, n=n)
+        friction = SigmoidFriction.of(
+            config.friction_compensation, n=n, name="friction_compensation"
+        )
     return np.stack([*limits, *friction, q_posture])
 
 

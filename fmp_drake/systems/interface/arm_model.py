@@ -135,10 +135,11 @@ def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
     ):
         indices = plant.GetJointActuatorIndices()
         actuated = [plant.get_joint_actuator(i).joint().name() for i in indices]
+        listed = f": {', '.join(actuated)}" if actuated else ""
         raise SystemsError(
             f"The controller's plant must have one actuator for each of its {n} joints, "
             f"in their order {', '.join(joint.name() for joint in joints)}; it has "
-            f"{len(actuated)}: {', '.join(actuated)}."
+            f"{len(actuated)}{listed}."
         )
     if plant.num_constraints():
         raise SystemsError(
