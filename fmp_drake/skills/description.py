@@ -24,6 +24,7 @@ from fmp_drake.primitives.data.windows import (
     extent_of,
 )
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
+from fmp_drake.primitives.model.phase.rhythm import cycle_count
 from fmp_drake.skills.placement import place_on_board
 from fmp_drake.station import Scenario
 
@@ -113,7 +114,7 @@ def source_in_words(skill: FourierMovementPrimitive) -> str:
         return source + f"{skill.n_windows_} windows of {skill.window:g} s"
     rhythm = skill.rhythm_
     cycles = skill.phase_model_.cycles if rhythm is None else rhythm.cycles
-    return source + f"{cycles:.1f} cycles of {skill.period_:.2f} s"
+    return source + f"{cycle_count(cycles)} of {skill.period_:.2f} s"
 
 
 def _about_windows(skill: FourierMovementPrimitive) -> list[str]:
@@ -265,7 +266,7 @@ def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> s
         Where none can.
     """
     if rhythm is not None:
-        return f"possible, from {rhythm.cycles:.1f} cycles"
+        return f"possible, from {cycle_count(rhythm.cycles)}"
     skill = FourierMovementPrimitive()
     parts = demonstration.split_at_gaps(skill.rate) or [demonstration]
     longest = max(part.duration for part in parts)

@@ -708,6 +708,7 @@ def test_a_recording_that_ends_where_it_begins_is_one_cycle(turns, end):
     assert (bout.start, bout.end) == pytest.approx((0.0, end), abs=0.06)
     assert [part.kind for part in found.left_out] == ["retreat"] * (turns > 1)
     assert "one closed cycle" in found.remarks()[0]
+    assert found.describe()[0].startswith("1 cycle of 2.")
 
 
 def test_pauses_at_the_ends_of_one_closed_cycle_are_left_out():

@@ -8,6 +8,7 @@ import numpy as np
 from fmp_drake.numeric import Array, Indices, Mask, runs
 from fmp_drake.primitives.model.phase.cycle import Cycle, harmonics_of
 from fmp_drake.primitives.model.phase.period import SIMILAR, similarity
+from fmp_drake.primitives.model.phase.rhythm import cycle_count
 from fmp_drake.primitives.model.phase.segmentation import (
     FORWARDS,
     OUTSIDE,
@@ -144,7 +145,8 @@ class Attempt(NamedTuple):
         """Return the reason why a phase model cannot be learned; "" where it can."""
         track = self.track
         if track.cycles < limits.cycles:
-            return f"it has {track.cycles:.1f} cycles; the phase model needs {limits.cycles:g}."
+            count = cycle_count(track.cycles)
+            return f"it has {count}; the phase model needs {limits.cycles:g}."
         if track.unexplained > limits.unexplained:
             return (
                 f"one cycle leaves {100 * track.unexplained:.0f} % of its variance "

@@ -31,6 +31,12 @@ OTHER = 3
 _KINDS = {FORWARDS: "bout", BACKWARDS: "backwards", OTHER: "another movement"}
 
 
+def cycle_count(cycles: float) -> str:
+    """Return a number of cycles as text: `1 cycle`, `2.5 cycles`."""
+    text = f"{cycles:.1f}"
+    return "1 cycle" if text == "1.0" else f"{text} cycles"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Part:
     """Interval of a recording.
@@ -145,7 +151,7 @@ class Rhythm:
     def describe(self) -> list[str]:
         """Return lines about cycles and omitted parts, and remarks."""
         bouts = f" in {len(self.bouts)} bouts" if len(self.bouts) > 1 else ""
-        lines = [f"{self.cycles:.1f} cycles of {self.period:.2f} s{bouts}"]
+        lines = [f"{cycle_count(self.cycles)} of {self.period:.2f} s{bouts}"]
         recordings = {part.recording for part in (*self.bouts, *self.left_out)}
         parts = [
             f"{part.kind}, {part.start:.1f} to {part.end:.1f} s"

@@ -43,6 +43,7 @@ from fmp_drake.primitives.model.phase.rhythm import (
     OTHER,
     Part,
     Rhythm,
+    cycle_count,
     rhythm_of_labels,
     split_kinds,
 )
@@ -119,7 +120,7 @@ class TrackedRhythm(NamedTuple):
         if self.rhythm.is_one_cycle:
             return "one closed cycle"
         return (
-            f"{self.track.cycles:.1f} cycles; one cycle with a varying tempo explains "
+            f"{cycle_count(self.track.cycles)}; one cycle with a varying tempo explains "
             f"{100 * (1 - self.track.unexplained):.1f} % of their variance"
         )
 
