@@ -249,6 +249,7 @@ def MakeWipingStation(
     scenario: Scenario, skill: FourierMovementPrimitive, **options: Any
 ) -> Diagram:
     """Build a station that plays a skill: `MakeStation`, with its options."""
+    check_type(skill, "skill", FourierMovementPrimitive, error=StationError)
     return MakeStation(scenario, skill, **options)
 
 

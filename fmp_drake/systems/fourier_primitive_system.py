@@ -183,9 +183,14 @@ class FourierPrimitiveSystem(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("fourier_primitive")
-        if np.ndim(sample) or sample not in (True, False):
-            raise SystemsError(f"sample is {shown(sample)}; it must be True or False.")
-        player = Player(skill, tracker=tracker, sample=sample, seed=seed, margin=margin)
+        for name, flag in (("sample", sample), ("soft_start", soft_start)):
+            if np.ndim(flag) or flag not in (True, False):
+                raise SystemsError(
+                    f"{name} is {shown(flag)}; it must be True or False."
+                )
+        player = Player(
+            skill, tracker=tracker, sample=bool(sample), seed=seed, margin=margin
+        )
         self._player = player
         if push_threshold is not None:
             check_number(push_threshold, "push_threshold", above=0, error=SystemsError)

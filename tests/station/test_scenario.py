@@ -337,8 +337,9 @@ def without_board():
         ),
         (
             lambda: MakeWipingStation(Scenario(), "wiping"),
-            "operator is 'wiping'; its type must be FourierMovementPrimitive or Teach",
+            "skill is 'wiping'; its type must be FourierMovementPrimitive.",
         ),
+        (lambda: MakeWipingStation(Scenario(), None), "skill is None; its type must"),
         (
             lambda: MakeStation(Scenario(), None, meshcat=3),
             "meshcat is 3; its type must be Meshcat or None",

@@ -456,10 +456,11 @@ def test_starts_at_any_time(system, small_skill, start, t0):
     assert state.remaps == 2
 
 
-@pytest.mark.parametrize("sample", ["yes", np.array([True, False]), np.array([True])])
-def test_sample_that_is_not_a_bool_is_refused(sample, small_skill):
-    with pytest.raises(SystemsError, match=r"sample is .*; it must be True or False"):
-        FourierPrimitiveSystem(small_skill, sample=sample)
+@pytest.mark.parametrize("name", ["sample", "soft_start"])
+@pytest.mark.parametrize("value", ["yes", 3, np.array([True, False]), np.array([True])])
+def test_option_that_is_not_a_bool_is_refused(name, value, small_skill):
+    with pytest.raises(SystemsError, match=rf"{name} is .*; it must be True or False"):
+        FourierPrimitiveSystem(small_skill, **{name: value})
 
 
 def test_start_that_is_not_finite_is_refused(system):
