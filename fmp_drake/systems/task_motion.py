@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_type
 from fmp_drake.primitives.data.channels import ChannelRoles
 from fmp_drake.systems.surface.surface import Surface
 from fmp_drake.systems.surface.tool_motion import (
@@ -107,6 +108,9 @@ class TaskMotion(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("task_motion")
+        check_type(roles, "roles", ChannelRoles, error=SystemsError)
+        check_type(surface, "surface", Surface, error=SystemsError)
+        check_type(X_WS, "X_WS", RigidTransform, error=SystemsError)
         kx, ky = surface
         if not np.all(np.isfinite(surface)) or (kx and ky and kx != ky):
             raise SystemsError(

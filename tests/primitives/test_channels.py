@@ -76,6 +76,7 @@ def test_every_channel_has_a_role(channels, roles):
         (("x", "y", "z", "force"), "m m m m", None, "force is in m; expected N"),
         (("x", "y", "z", "c"), "m m m 1", None, "channel c has no role"),
         (("x", "z"), "m m", None, "a robot needs y as well"),
+        (("x", "y", "z"), "m m", None, "there are 3 channels and 2 units"),
         (("x", "y", "z", "rx"), "m m m rad", IDENTITY, "rotation is given by rx; "),
         (
             ("x", "y", "z", "rx", "ry", "rz"),

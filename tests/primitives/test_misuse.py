@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
@@ -22,6 +23,8 @@ from fmp_drake import (
 from fmp_drake.errors import FmpError
 from fmp_drake.primitives import (
     LqrTracker,
+    add_orientation,
+    angular_velocity,
     find_rhythm,
     modulate_skill,
     read_demonstrations,
@@ -29,6 +32,7 @@ from fmp_drake.primitives import (
     skill_spectrum,
     transform_space,
 )
+from fmp_drake.primitives.data.windows import sliding_windows
 from fmp_drake.primitives.discrete.discrete_movement_primitive import DiscreteMovement
 from fmp_drake.skills import learn_skill
 
@@ -105,9 +109,51 @@ WRONG = {
         lambda: player().advance(player().start([0.1, 0, 0]), -1.0),
         "seconds is -1.0 s; it must be at least 0 s",
     ),
-    "plan of half a tick": (
-        lambda: player().plan(player().start([0.1, 0, 0]), 2.5),
-        "ticks is 2.5; it must be a whole number, at least 0",
+    "advanced by a word": (
+        lambda: player().advance(player().start([0.1, 0, 0]), "a"),
+        "seconds: 'a' cannot be read as real numbers",
+    ),
+    "target of two weights": (
+        lambda: player().retarget(player().start([0.1, 0, 0]), [0.0, 1.0]),
+        r"the target of shape \(2,\); expected \(\d+,\)",
+    ),
+    "sample of a word": (
+        lambda: Player(player().skill, sample="yes"),
+        "sample is 'yes'; its type must be bool",
+    ),
+    "score of nothing": (
+        lambda: player().skill.score_samples(None),
+        "score_samples needs a Demonstration.* it is None",
+    ),
+    "one harmonic": (
+        lambda: modulate_skill(player().skill, harmonics=2),
+        "harmonics is 2; its type must be Iterable",
+    ),
+    "transformed without channels": (
+        lambda: transform_space(player().skill, channels=None),
+        "channels is None; its type must be Iterable",
+    ),
+    "orientation of an array": (
+        lambda: add_orientation(CIRCLES, Rotation.identity(400)),
+        "demonstration is array.* its type must be Demonstration",
+    ),
+    "two references": (
+        lambda: add_orientation(
+            recording(), Rotation.identity(400), reference=Rotation.identity(2)
+        ),
+        "there are 2 references; give one",
+    ),
+    "angular velocity in a plane": (
+        lambda: angular_velocity([0.1, 0.2], [0.0, 0.0]),
+        r"the rotation vectors of shape \(2,\); expected \(\.\.\., 3\)",
+    ),
+    "angular velocity of few rates": (
+        lambda: angular_velocity(np.zeros((4, 3)), np.zeros((5, 3))),
+        r"the rates of shape \(5, 3\); expected \(4, 3\)",
+    ),
+    "windows of a line": (
+        lambda: sliding_windows(TIME, n_steps=3, stride=1),
+        r"the samples have shape \(400,\); expected \(N, D\)",
     ),
     "one score of many samples": (
         lambda: player().track_sample(

@@ -656,7 +656,7 @@ def test_skill_of_a_movement_that_never_varies_plays():
 def test_a_plan_has_a_whole_number_of_ticks(ticks, small_skill):
     player = Player(small_skill)
     with pytest.raises(
-        SkillError, match=f"ticks is {ticks}; it must be a whole number"
+        SkillError, match=f"ticks is {ticks}; it must be a whole number, at least 0"
     ):
         player.plan(player.start([0.1, 0.0]), ticks)
 

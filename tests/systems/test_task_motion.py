@@ -254,6 +254,20 @@ def test_roles_are_found_in_any_order():
     assert (roles.position, roles.rotation, roles.force) == ((5, 3, 1), (6, 4, 2), 0)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"roles": None}, "roles is None; its type must be ChannelRoles"),
+        ({"surface": (0.0, 0.0)}, r"surface is .* its type must be Surface"),
+        ({"X_WS": np.eye(4)}, "X_WS is array.* its type must be RigidTransform"),
+    ],
+)
+def test_an_argument_of_another_type_is_refused(wrong, words):
+    arguments = {"roles": POSE, "surface": Surface(0.0, 0.0), "X_WS": X_WS}
+    with pytest.raises(SystemsError, match=words):
+        TaskMotion(**arguments | wrong)
+
+
 @pytest.mark.parametrize("surface", [Surface(2.0, 3.0), Surface(np.nan, 0.0)])
 def test_a_surface_of_no_known_kind_is_refused(surface):
     with pytest.raises(SystemsError, match=r"one to be 0 \(a cylinder\)"):

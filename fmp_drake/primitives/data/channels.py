@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fmp_drake.errors import FmpError, SkillError
-from fmp_drake.numeric import GREATEST, Array, finite_array, is_whole
+from fmp_drake.numeric import GREATEST, Array, check_type, finite_array, is_whole
 
 POSITION_CHANNELS = ("x", "y", "z")
 # Rotation vector, rad; see `fmp_drake.primitives.data.orientation`.
@@ -128,6 +128,13 @@ def channel_roles(
         Where a position is missing, a channel has no role, a unit does not fit, or there is
         a rotation without its reference.
     """
+    for name, value in (("channels", channels), ("units", units)):
+        check_type(value, name, Sequence, error=SkillError)
+    if len(channels) != len(units):
+        raise SkillError(
+            f"there are {len(channels)} channels and {len(units)} units; give one unit per "
+            "channel."
+        )
     expected = dict.fromkeys(POSITION_CHANNELS, "m")
     expected |= dict.fromkeys(ROTATION_CHANNELS, "rad")
     expected[FORCE_CHANNEL] = "N"

@@ -14,7 +14,14 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
-from fmp_drake.numeric import GREATEST, Array, as_floats, check_number, read_only
+from fmp_drake.numeric import (
+    GREATEST,
+    Array,
+    as_floats,
+    check_number,
+    check_type,
+    read_only,
+)
 from fmp_drake.primitives.data.channels import (
     QUATERNION_CHANNELS,
     ROTATION_CHANNELS,
@@ -387,6 +394,7 @@ def add_orientation(
         Where the rotations do not match the demonstration, jump by more than 90 degrees
         between two samples, or reach 360 degrees from the reference.
     """
+    check_type(demonstration, "demonstration", Demonstration, error=DemonstrationError)
     rotation = as_rotation(rotations, order=order)
     if rotation.single or len(rotation) != len(demonstration.time):
         count = 1 if rotation.single else len(rotation)
@@ -399,7 +407,10 @@ def add_orientation(
     if reference is None:
         quaternion = mean_rotation(rotation)
     else:
-        quaternion = unit_quaternion(as_rotation(reference, order="xyzw"))
+        given = as_rotation(reference, order="xyzw")
+        if not given.single and len(given) != 1:
+            raise DemonstrationError(f"there are {len(given)} references; give one.")
+        quaternion = unit_quaternion(given)
     vectors = rotation_vectors(rotation, quaternion)
     return replace(
         demonstration,

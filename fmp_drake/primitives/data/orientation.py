@@ -214,7 +214,8 @@ def angular_velocity(vectors: ArrayLike, rates: ArrayLike) -> Array:
     ndarray, shape (..., 3)
         rad/s.
     """
-    phi, rate = np.asarray(vectors, dtype=float), np.asarray(rates, dtype=float)
+    phi = as_floats(vectors, "the rotation vectors", ("...", 3))
+    rate = as_floats(rates, "the rates", phi.shape)
     a = np.linalg.norm(phi, axis=-1, keepdims=True)
     small = a < _SMALL
     s = a**2

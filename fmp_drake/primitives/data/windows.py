@@ -118,6 +118,11 @@ def sliding_windows(values: Array, *, n_steps: int, stride: int) -> Array:
     """
     for name, value in (("n_steps", n_steps), ("stride", stride)):
         check_number(value, name, least=1, whole=True, error=DemonstrationError)
+    values = as_floats(values, "the samples", error=DemonstrationError)
+    if values.ndim != 2:
+        raise DemonstrationError(
+            f"the samples have shape {values.shape}; expected (N, D)."
+        )
     if len(values) < n_steps:
         return np.empty((0, n_steps, values.shape[1]))
     view = np.lib.stride_tricks.sliding_window_view(values, n_steps, axis=0)

@@ -8,7 +8,7 @@ so the magnitude is in the unit of the channel (2 |w~_k| / T of (1), and |w~_k| 
 the mean and the Nyquist harmonic) and the phase is that of w~_k.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
@@ -17,7 +17,13 @@ from numpy.typing import ArrayLike
 from scipy.stats import circmean, circstd
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import Array, as_floats, check_number, finite_array
+from fmp_drake.numeric import (
+    Array,
+    as_floats,
+    check_number,
+    check_type,
+    finite_array,
+)
 from fmp_drake.primitives.data.channels import channel_indices
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.movement_primitive import (
@@ -269,6 +275,7 @@ def modulate_windows(
     y = as_floats(windows, "the windows", ("...", "T", "D"))
     n = y.shape[-2]
     index = channel_indices(channels, [f"c{i}" for i in range(y.shape[-1])])
+    check_type(harmonics, "harmonics", Iterable, error=SkillError)
     for k in harmonics:
         check_number(k, "a harmonic", whole=True)
     numbers = sorted({int(k) for k in harmonics})

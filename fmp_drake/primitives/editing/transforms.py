@@ -1,6 +1,6 @@
 """Copies of a skill at another tempo, position, orientation or size."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +10,7 @@ from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import Array, check_number, finite_array
+from fmp_drake.numeric import Array, check_number, check_type, finite_array
 from fmp_drake.primitives.data.channels import (
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
@@ -119,6 +119,7 @@ def transform_space(
     Where a rotation is refused, learn from transformed demonstrations.
     """
     check_skill(skill, "transform_space(skill)")
+    check_type(channels, "channels", Iterable, error=SkillError)
     index = channel_indices(list(channels), skill.channels_)
     count = len(index)
     check_number(scale, "scale", above=0.0)

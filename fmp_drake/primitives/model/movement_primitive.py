@@ -16,10 +16,12 @@ from fmp_drake.primitives.data.channels import (
     default_channels,
 )
 from fmp_drake.primitives.data.demonstration import Demonstration
+from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import (
     UNSTATED_RATE,
     as_learned,
     cut_demonstrations,
+    demonstration_list,
     extent_of,
     weighted_windows,
 )
@@ -102,7 +104,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         Samples between the starts of two windows; a sixtieth of a window (2 samples of
         120) where None.
     rate : float
-        Samples per second (Hz); demonstrations are resampled to it.
+        Samples per second (Hz); demonstrations are resampled to it. A mixture at 1 kHz takes
+        minutes to learn: give an array as ``Demonstration(time=time, values=array)``, which
+        is resampled to 20 Hz.
     n_components : int or "automatic"
         M, Gaussians in the mixture. "automatic": 80, or fewer where the recordings are
         short: one for each 7 windows, at least 5. It is an upper limit for the phase
@@ -200,8 +204,8 @@ class FourierMovementPrimitive(TrajectoryMixture):
         if self.phase_model_ is not None:
             # A bout may be shorter than a window.
             windows = "windows"
-            cycles = self.phase_model_.cycles
-            model = f"phase model of {cycles} cycles of {self.period_:.2f} s"
+            cycles = count_text(self.phase_model_.cycles, "cycle")
+            model = f"phase model of {cycles} of {self.period_:.2f} s"
         channels = ", ".join(
             f"{channel} ({unit})"
             for channel, unit in zip(self.channels_, self.units_, strict=True)
@@ -323,7 +327,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         """
         self.check_fitted()
         demonstrations = X if isinstance(X, Sequence) else [X]
-        if all(isinstance(d, Demonstration) for d in demonstrations):
+        has_one = any(isinstance(d, Demonstration) for d in demonstrations)
+        if has_one or X is None or isinstance(X, str):
+            demonstrations = demonstration_list(X, "score_samples")
             X = [as_learned(d, self) for d in demonstrations]
         return super().score_samples(X)
 

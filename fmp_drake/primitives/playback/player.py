@@ -13,6 +13,7 @@ from fmp_drake.numeric import (
     Array,
     as_floats,
     check_number,
+    check_type,
     finite_array,
     one_blas_thread,
 )
@@ -164,6 +165,7 @@ class Player:
         check_number(blend_time, "blend_time", least=1e-3, unit="s")
         check_number(confidence, "confidence", above=0.0, most=1.0)
         check_number(seed, "seed", least=0, whole=True)
+        check_type(sample, "sample", bool, error=SkillError)
         self.skill = skill
         self.sample = sample
         self.seed = int(seed)
@@ -246,17 +248,15 @@ class Player:
 
     def advance(self, state: PlaybackState, seconds: float) -> PlaybackState:
         """Return the state some seconds of real time later, with all ticks and re-mappings."""
+        tick, rounding = self.tick_seconds, _ROUNDING * self.tick_seconds
+        as_floats(seconds, "seconds", ())
         # A tick that is overdue is as long ago.
-        overdue = min(state.seconds_until(self.tick_seconds), 0.0)
-        if not overdue - _ROUNDING * self.tick_seconds <= seconds < np.inf:
+        if not min(state.seconds_until(tick), 0.0) - rounding <= seconds < np.inf:
             check_number(seconds, "seconds", least=0, unit="s")
-        while True:
-            wait = state.seconds_until(self.tick_seconds)
-            if seconds < wait - _ROUNDING * self.tick_seconds:
-                break
+        while seconds >= (wait := state.seconds_until(tick)) - rounding:
             state = self._tick(state, wait)
             seconds -= wait
-        if seconds <= _ROUNDING * self.tick_seconds:
+        if seconds <= rounding:
             return state
         tempo, moving = state.tempo + state.tempo_rate * seconds, seconds
         if tempo < 0:  # It stops before.
@@ -310,8 +310,9 @@ class Player:
 
         With `at_once` the weights do not relax to the target but are replaced by it.
         """
+        target = finite_array(target, "the target", state.weights.shape)
         weights = target if at_once else state.weights
-        new = replace(state, weights=weights, target=target)
+        new = replace(state, target=target, weights=weights)
         change = self.motion(state)[:2] - self.motion(new)[:2]
         return replace(new, offset=state.offset + change)
 
