@@ -14,6 +14,7 @@ from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import click
+import numpy as np
 
 from fmp_drake.errors import FmpError
 from fmp_drake.numeric import check_number
@@ -328,10 +329,20 @@ class SceneOptions(ScenarioOptions):
         metavar="X Y Z",
         basic=False,
     )
+    move_board: tuple[float, float, float] | None = option(
+        None,
+        "Displacement of the board from its place in the scenario, in the world, m.",
+        metavar="X Y Z",
+        basic=False,
+    )
 
     def load(self) -> Scenario:
-        """Return the scenario, with start, tempo and normal force of these options."""
+        """Return the scenario, changed by these options."""
         scenario = super().load()
+        if self.move_board is not None:
+            moved = np.add(scenario.board.translation, self.move_board)
+            scenario.board.translation = moved.tolist()
+            scenario.check()
         if self.start is not None:
             scenario.start = list(self.start)
         if self.tempo is not None:

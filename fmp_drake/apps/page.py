@@ -254,10 +254,12 @@ def advice(feasibility: Feasibility, scene: SceneOptions, *groups: Any) -> str:
     """Return the command line that may make a skill feasible, with groups of options."""
     changed = feasibility.suggestion
     if not changed:
-        return "--start, the scenario's board or another skill may help"
+        return "--move-board, --start or another skill may help"
     others: dict[str, Any] = dict.fromkeys(changed)
     flags = arguments(replace(scene, **others), *groups)
     for name, value in changed.items():
+        if name == "move_board" and scene.move_board is not None:
+            value = np.add(value, scene.move_board)
         numbers = [f"{number:g}" for number in np.ravel(value)]
         flags += [f"--{name.replace('_', '-')}", *numbers]
     return f"Try: {shlex.join(['fmp-drake', 'wipe', *flags])}"

@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -125,6 +126,21 @@ def test_a_skill_that_is_too_fast_is_refused_with_a_command_that_works(refused):
 def test_a_press_that_is_too_strong_is_refused_with_a_force_that_works(refused):
     message = refused("wipe", "--headless", "--press-force", 50)
     assert "Try: fmp-drake wipe --press-force 30" in message
+
+
+def test_a_suggested_move_of_the_board_is_added_to_the_given_one(refused):
+    given = ("--robot", "iiwa14", "--move-board", 0.5, 0.0, 0.0)
+    message = refused("wipe", "--headless", *given)
+    line = re.search(r"Try: fmp-drake (wipe .*) \(--force", message)[1]
+    flags = [*shlex.split(line)[1:]]
+    context = app.get_command(Context(app), "wipe").make_context("wipe", flags)
+    options = SceneOptions(
+        **{f.name: context.params[f.name] for f in fields(SceneOptions)}
+    )
+    assert 0 <= options.move_board[0] < 0.5
+    scenario = options.load()
+    skill, _, _ = scenario_skill(scenario)
+    assert CheckFeasibility(scenario, skill).is_feasible
 
 
 def test_suggested_command_gives_the_options_that_were_given():

@@ -120,10 +120,13 @@ def test_change_that_the_verdict_names_makes_it_feasible(bundled_skill, translat
         "to the arm's right": np.array([away[1], -away[0], 0.0]),
     }
     far, way = re.search(r"move the board (\d+) cm ([^,.]+)", found.verdict).groups()
-    scenario.board.translation = [*(translation + float(far) / 100 * ways[way])]
+    move = float(far) / 100 * ways[way]
+    assert found.suggestion["move_board"] == pytest.approx(move)
+    scenario.board.translation = [*(translation + move)]
     if slower := re.search(r", and slow down to tempo (\d\.\d+)", found.verdict):
         assert not CheckFeasibility(scenario, bundled_skill, suggest=False).is_feasible
-        scenario.skill.tempo = float(slower[1])
+        scenario.skill.tempo = found.suggestion["tempo"]
+        assert float(slower[1]) == scenario.skill.tempo
     assert CheckFeasibility(scenario, bundled_skill).is_feasible
 
 

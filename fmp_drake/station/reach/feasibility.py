@@ -74,8 +74,9 @@ class Feasibility:
         Checked scenario, YAML.
     bounds : FollowingBounds
     suggestion : dict
-        Values of ``tempo``, ``press_force`` (N) and ``start`` (m) with which the check
-        passes; empty where none was found, or the board has to be moved.
+        Values of ``tempo``, ``press_force`` (N) and ``start`` (m), and ``move_board``, a
+        displacement of the board in the world (m), with which the check passes; empty where
+        none was found.
 
     Examples
     --------
@@ -282,8 +283,7 @@ class _Check:
     def remedy(self) -> tuple[str, dict[str, Any]]:
         """Return the smallest change with which the check passes: text and values.
 
-        Each change is checked as a separate scenario. The values are empty where the board
-        has to be moved.
+        Each change is checked as a separate scenario.
         """
         if self._is_misplaced:
             return (
@@ -292,33 +292,35 @@ class _Check:
         if words := self._pace_remedy():
             return words, self._changed_pace
         may_move = self._is_far or self._is_disturbed
-        for words, changed in self._changes() if may_move else ():
+        for words, values in self._changes() if may_move else ():
+            changed = deepcopy(self._scenario)
+            changed.start = values.get("start", changed.start)
+            moved = np.array(changed.board.translation) + values.get("move_board", 0.0)
+            changed.board.translation = moved.tolist()
             check = self._changed_to(changed)
-            start = changed.start if changed.start != self._scenario.start else None
             if check.result().is_feasible:
-                return words, {"start": start} if start else {}
+                return words, values
             if pace := check._pace_remedy():
-                values = {"start": start, **check._changed_pace}
-                return f"{words}, and {pace}", values if start else {}
+                return f"{words}, and {pace}", values | check._changed_pace
         return (
             "none of the tested changes (a slower tempo, a smaller normal force, a start "
             f"in the middle, moves of the board by up to {100 * LONGEST_MOVE:.0f} cm); turn "
             "the board, or make the movement smaller"
         ), {}
 
-    def _changes(self) -> Iterator[tuple[str, Scenario]]:
+    def _changes(self) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield changes of the start and the board, the smallest one first."""
-        changed = deepcopy(self._scenario)
-        changed.start = [0.0, 0.0, changed.start[2]]
-        if changed.start != self._scenario.start:
-            yield f"start at 0 0 {changed.start[2]:g}", changed
+        start = [0.0, 0.0, self._scenario.start[2]]
+        if start != self._scenario.start:
+            yield f"start at 0 0 {start[2]:g}", {"start": start}
         moves = self._reach.moves_into_reach(
             self._paths, self._displacement, self._step, self._R_TE
         )
         for words, move in moves[:_MOVES]:
-            changed = deepcopy(self._scenario)
-            changed.board.translation = [*(np.array(changed.board.translation) + move)]
-            yield words, changed
+            yield (
+                words,
+                {"move_board": (move + 0.0).tolist()},
+            )  # Without a negative zero.
 
     def _changed_to(self, scenario: Scenario) -> "_Check":
         """Return the check of a changed scenario, with the same samples if it plays them."""
