@@ -162,6 +162,13 @@ def check_type(value: Any, what: str, kind: Any, *, error: type[FmpError]) -> No
         raise error(f"{what} is {text}; its type must be {' or '.join(names)}.")
 
 
+def as_flag(value: Any, what: str, *, error: type[FmpError] = SkillError) -> bool:
+    """Return a value that is True or False, also of NumPy; raise an error for others."""
+    if np.ndim(value) or value not in (True, False):
+        raise error(f"{what} is {shown(value)}; it must be True or False.")
+    return bool(value)
+
+
 def shown(value: Any) -> str:
     """Return a value as text for an error message, at most 60 characters."""
     if is_whole(value) and abs(value) > GREATEST:

@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array, check_number, shown
+from fmp_drake.numeric import Array, as_flag, check_number
 from fmp_drake.primitives import (
     FourierMovementPrimitive,
     PlaybackState,
@@ -183,14 +183,8 @@ class FourierPrimitiveSystem(LeafSystem):
     ) -> None:
         super().__init__()
         self.set_name("fourier_primitive")
-        for name, flag in (("sample", sample), ("soft_start", soft_start)):
-            if np.ndim(flag) or flag not in (True, False):
-                raise SystemsError(
-                    f"{name} is {shown(flag)}; it must be True or False."
-                )
-        player = Player(
-            skill, tracker=tracker, sample=bool(sample), seed=seed, margin=margin
-        )
+        sample = as_flag(sample, "sample", error=SystemsError)
+        player = Player(skill, tracker=tracker, sample=sample, seed=seed, margin=margin)
         self._player = player
         if push_threshold is not None:
             check_number(push_threshold, "push_threshold", above=0, error=SystemsError)
@@ -214,7 +208,7 @@ class FourierPrimitiveSystem(LeafSystem):
         self._push_dwell = push_dwell
         self._plan_ticks = math.ceil(plan_seconds / player.tick_seconds - 1e-6)
         self._choice = choice
-        self._soft_start = soft_start
+        self._soft_start = as_flag(soft_start, "soft_start", error=SystemsError)
         d = skill.n_channels_
 
         # Until the initialisation: the mean value of the likeliest component.

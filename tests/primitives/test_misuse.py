@@ -119,7 +119,7 @@ WRONG = {
     ),
     "sample of a word": (
         lambda: Player(player().skill, sample="yes"),
-        "sample is 'yes'; its type must be bool",
+        "sample is 'yes'; it must be True or False",
     ),
     "score of nothing": (
         lambda: player().skill.score_samples(None),

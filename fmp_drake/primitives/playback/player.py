@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import (
     Array,
+    as_flag,
     as_floats,
     check_number,
-    check_type,
     finite_array,
     one_blas_thread,
 )
@@ -165,9 +165,8 @@ class Player:
         check_number(blend_time, "blend_time", least=1e-3, unit="s")
         check_number(confidence, "confidence", above=0.0, most=1.0)
         check_number(seed, "seed", least=0, whole=True)
-        check_type(sample, "sample", bool, error=SkillError)
         self.skill = skill
-        self.sample = sample
+        self.sample = as_flag(sample, "sample")
         self.seed = int(seed)
         self.blend_time = float(blend_time)
         self.tick_seconds = 1 / skill.rate
