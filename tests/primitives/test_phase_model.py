@@ -273,7 +273,7 @@ def test_a_stroke_in_the_middle_of_a_recording_weighs_as_much_as_the_rest():
     t = np.arange(200)
     stroke = np.sin(2 * np.pi * t / 8) * (np.abs(t - 100) < 12)
     shown = (np.sin(2 * np.pi * t / 90) + stroke)[:, None]
-    process = Autoregression.fit_shared([shown], order=6)
+    process = Autoregression.fit_separately([shown], order=6)
     zero, one = process.autocovariance(2).ravel()
     speed = 2 * (zero - one) / zero
     # Where the middle weighs most, it is 2.2 times as large.

@@ -79,30 +79,32 @@ class Autoregression:
         )
 
     @classmethod
-    def fit_shared(cls, recordings: Sequence[Array], *, order: int) -> "Autoregression":
-        """Fit one process of unit variance, independent in each channel, to recordings (n, D).
+    def fit_separately(
+        cls, recordings: Sequence[Array], *, order: int
+    ) -> "Autoregression":
+        """Fit a process of unit variance to each channel of recordings (n, D).
 
-        It has `order` coefficients. D^2 times as many would explain few samples nearly
-        exactly, and the process would hardly vary. The Yule-Walker equations keep the
+        It has `order` coefficients for each. D times as many would explain few samples
+        nearly exactly, and the process would hardly vary. The Yule-Walker equations keep the
         variance; the ends of recordings are tapered, because they would otherwise look
         like jumps.
         """
         from scipy.signal.windows import tukey  # Slow to import.
 
-        products = np.zeros(order + 1)
+        d = recordings[0].shape[1]
+        products = np.zeros((order + 1, d))
         for v in recordings:
             # The rest keeps its weight: L is fitted to all of it.
             x = v * tukey(len(v), _TAPERED_FRACTION)[:, None]
             for lag in range(min(order + 1, len(v))):
-                products[lag] += np.sum(x[lag:] * x[: len(v) - lag])
-        correlation = products / max(products[0], 1e-300)
+                products[lag] += np.sum(x[lag:] * x[: len(v) - lag], axis=0)
+        correlation = products / np.maximum(products[0], 1e-300)
         correlation[0] = 1 + _RIDGE
-        a = solve_toeplitz(correlation[:-1], correlation[1:])
-        unit = np.eye(recordings[0].shape[1])
-        return cls(
-            coefficients=np.multiply.outer(a, unit),
-            innovation=float(correlation[0] - a @ correlation[1:]) * unit,
-        )
+        coefficients, innovation = np.zeros((order, d, d)), np.zeros((d, d))
+        for i, c in enumerate(correlation.T):
+            coefficients[:, i, i] = a = solve_toeplitz(c[:-1], c[1:])
+            innovation[i, i] = c[0] - a @ c[1:]
+        return cls(coefficients=coefficients, innovation=innovation)
 
     def autocovariance(self, count: int) -> Array:
         """Return E[v_(t+k) v_t'] of the lags k = 0 to count - 1, (count, D, D)."""
@@ -341,7 +343,7 @@ class Residual:
         local += 1e-12 * np.eye(r.shape[1])
         variances, vectors = np.linalg.eigh(local)
         factors = np.einsum("gab,gb,gcb->gac", vectors, np.sqrt(variances), vectors)
-        process = Autoregression.fit_shared(residuals, order=_RESIDUAL_ORDER)
+        process = Autoregression.fit_separately(residuals, order=_RESIDUAL_ORDER)
         residual = cls(factors=np.ascontiguousarray(factors), process=process)
         if cycles < FEW_CYCLES:
             return residual
