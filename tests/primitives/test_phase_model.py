@@ -282,6 +282,36 @@ def test_a_stroke_in_the_middle_of_a_recording_weighs_as_much_as_the_rest():
     )
 
 
+def residual_of(cycles, shown):
+    phase = 2 * np.pi * np.linspace(0, cycles, len(shown))
+    return Residual.fit([phase], [shown])
+
+
+def test_a_smooth_channel_of_few_cycles_does_not_become_as_rough_as_another_one():
+    t = np.arange(200)
+    shown = np.column_stack([np.sin(t / 15), np.sin(2 * t)])
+    process = residual_of(2.0, shown).process
+    zero, one = process.autocovariance(2)
+    assert np.diag(zero) == pytest.approx(1.0, abs=0.05)
+    speed = np.diag(2 * (zero - one))
+    # One process for both has 1.4.
+    shown_speed = np.mean(np.diff(shown, axis=0) ** 2, axis=0) / np.mean(shown**2, 0)
+    assert speed == pytest.approx(shown_speed, rel=0.3)
+
+
+def test_few_cycles_hardly_say_how_channels_are_correlated():
+    rng = np.random.default_rng(5)
+    shown = rng.standard_normal((800, 1)) @ np.ones((1, 2))
+
+    def correlation(cycles):
+        factor = residual_of(cycles, shown).factors[0]
+        covariance = factor @ factor.T
+        return covariance[0, 1] / covariance[0, 0]
+
+    assert correlation(2.0) < 0.5
+    assert correlation(20.0) > 0.95
+
+
 def test_two_samples_are_enough_to_find_the_phase():
     shown = 2 * np.pi * np.arange(50) / 50
     cycle = Cycle.fit([shown], [curve(shown)], harmonics=6)
