@@ -138,7 +138,8 @@ def _draw_ink(ax: Axes, run: "WipingRun") -> None:
 def _finish_board(panel: PlanePanel, run: "StationRun", title: str) -> None:
     """Set the limits of a picture in the plane to the edges of the board, if any."""
     ax = panel.finish(title)
-    legend_above(ax)
+    # A narrow board has no room for both in a line.
+    set_title(ax, title + legend_above(ax) * "\n")
     if _has_board(run):
         nx, ny = run.grid.size
         ax.set_xlim(ny / 2, -ny / 2)

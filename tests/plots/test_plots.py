@@ -752,6 +752,17 @@ class TestPages:
             assert (ax.get_xlabel(), ax.get_ylabel()) == ("v (m)", "u (m)")
         assert [line.get_label() for line in error.lines[:3]] == ["u", "v", "h"]
 
+    def test_titles_and_legends_of_a_narrow_board_do_not_overlap(self, skills):
+        run = fake_run(skills[3])
+        run.grid.size = (0.4, 0.2)
+        figure = run_page.draw_run(run)
+        figure.draw_without_rendering()
+        for ax in figure.axes[:2]:
+            # The title has a second line for the legend.
+            title = ax._left_title.get_window_extent()
+            names = [t.get_window_extent() for t in ax.get_legend().get_texts()]
+            assert max(name.y1 for name in names) < (title.y0 + title.y1) / 2
+
     def test_the_page_of_a_run_shows_when_the_board_got_clean(self, skills):
         run = fake_run(skills[3], clean=np.arange(10) / 10)
         cleaned = run_axes(run)[2]
