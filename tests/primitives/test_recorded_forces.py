@@ -164,6 +164,18 @@ def test_a_file_of_a_force_is_added_to_the_position_at_the_same_times(
     assert found.rotation_reference is not None
 
 
+def test_vibrations_of_a_faster_force_are_averaged(tmp_path):
+    place = files.write(tmp_path, files.xyz(files.STAMPS, header="time,x,y,z"), "p.csv")
+    fast = np.arange(0.0, files.TIME[-1], 1e-3)
+    # At the 50 Hz of the position it would look like one of 4 Hz.
+    force = 10 + np.sin(fast) + 8 * np.sin(2 * np.pi * 96 * fast)
+    force = force_file(tmp_path, fast + START, force=np.tile(force, (3, 1)).T)
+    (found,), _ = read_demonstrations([place.path, force])
+    known = 10 + np.sin(found.time - found.time[0])
+    error = forces(found)[5:-5] - known[5:-5, None]
+    assert np.max(np.abs(error)) < 0.7
+
+
 def test_a_force_is_added_to_a_position_with_dates(tmp_path):
     paths = [files.npz_with_dates(tmp_path).path, force_file(tmp_path, LATER)]
     (found,), _ = read_demonstrations(paths)

@@ -215,7 +215,10 @@ def _joined(
             other.stamps if is_stamped else other.received, return_index=True
         )
         stamps = (there - start).astype(float) * 1e-9
-        added = [at_times(time, stamps, column) for column in other.values[rows].T]
+        added = [
+            at_times(time, stamps, column, name=name)
+            for name, column in zip(other.names, other.values[rows].T, strict=True)
+        ]
         covered = float(np.mean(~np.isnan(added[0])))
         if not needs_all and covered < _COVERED:
             remark = (

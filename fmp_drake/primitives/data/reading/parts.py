@@ -93,7 +93,13 @@ def _with_part(other: Path, table: Table, path: Path, part: Table) -> Table:
             "choose one of them with --columns, or leave out a file."
         )
     time, stamps = table.values[:, 0], part.values[:, 0] + (part.origin - table.origin)
-    added = np.column_stack([at_times(time, stamps, v) for v in part.values.T[1:]])
+    names, columns = part.names[1:], part.values.T[1:]
+    added = np.column_stack(
+        [
+            at_times(time, stamps, column, name=name)
+            for name, column in zip(names, columns, strict=True)
+        ]
+    )
     is_known = ~np.any(np.isnan(added), axis=1)
     known = int(np.count_nonzero(is_known))
     if known < LEAST_COMPLETE * len(time):

@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives.data.channels import (
     EULER_CHANNELS,
+    FORCE_CHANNEL,
+    FORCE_COMPONENTS,
     POSITION_CHANNELS,
     QUATERNION_CHANNELS,
 )
@@ -41,8 +43,9 @@ def interpolated(
     values, order = values.copy(), list(channels)
     for i in others:
         rows = known[:, i]
-        at = angles_at_times if order[i] in EULER_CHANNELS else at_times
-        values[~rows, i] = at(time[~rows], time[rows], values[rows, i])
+        values[~rows, i] = at_times(
+            time[~rows], time[rows], values[rows, i], name=order[i]
+        )
     index = [order.index(n) for n in QUATERNION_CHANNELS if n in channels]
     rows = np.all(known[:, index], axis=1)
     is_new = ~rows & ~np.any(np.isnan(values[:, index]), axis=1)
@@ -54,23 +57,35 @@ def interpolated(
     return values, is_placed
 
 
-def at_times(time: Array, stamps: Array, values: Array) -> Array:
-    """Return values (N,) of increasing stamps (N,), s, at times (n,); NaN outside and in gaps."""
+def at_times(time: Array, stamps: Array, values: Array, *, name: str) -> Array:
+    """Return values (N,) of increasing stamps (N,), s, at times (n,); NaN outside and in gaps.
+
+    Forces of a faster sensor are averaged over an interval of the times: single ones of a
+    tool that vibrates would look like a slow change. Angles may jump by a revolution.
+    """
+    if name in (FORCE_CHANNEL, *FORCE_COMPONENTS) and len(time) > 1 < len(stamps):
+        interval = np.median(np.diff(np.sort(time)))
+        half = int(interval / max(float(np.median(np.diff(stamps))), 1e-9) / 2)
+        kernel = np.ones(2 * min(half, len(stamps) - 1) + 1)
+        padded = np.pad(values, len(kernel) // 2, mode="edge")
+        values = np.convolve(padded, kernel / len(kernel), mode="valid")
+    turn = _revolution(values) if name in EULER_CHANNELS else None
+    smooth = values if turn is None else np.unwrap(values, period=turn)
     after = np.searchsorted(stamps, time).clip(1, len(stamps) - 1)
     is_near = stamps[after] - stamps[after - 1] <= LONGEST_GAP
     is_inside = (stamps[0] <= time) & (time <= stamps[-1])
-    return np.where(is_near & is_inside, np.interp(time, stamps, values), np.nan)
+    new = np.where(is_near & is_inside, np.interp(time, stamps, smooth), np.nan)
+    least = np.min(values)
+    return new if turn is None else (new - least) % turn + least
 
 
-def angles_at_times(time: Array, stamps: Array, angles: Array) -> Array:
-    """Return angles like `at_times`, which may jump by a revolution: 360 or 2 pi."""
+def _revolution(angles: Array) -> float | None:
+    """Return the revolution, 360 or 2 pi, by which angles jump; None where they do not."""
     jump, span = np.max(np.abs(np.diff(angles)), initial=0.0), np.ptp(angles)
     for revolution in (360.0, 2 * np.pi):
         if jump > 0.75 * revolution and span < 1.02 * revolution:
-            new = at_times(time, stamps, np.unwrap(angles, period=revolution))
-            least = np.min(angles)
-            return (new - least) % revolution + least
-    return at_times(time, stamps, angles)
+            return revolution
+    return None
 
 
 def slerp(time: Array, stamps: Array, quaternions: Array) -> Array:
