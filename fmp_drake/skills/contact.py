@@ -4,6 +4,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
@@ -223,24 +224,32 @@ def _least(force: Array, in_bout: Mask) -> float:
 
 def _force_in_air(path: Demonstration, in_bout: Mask, force: Array) -> Array:
     """Return the force far from the movement, or while the tool is lifted, or 0."""
-    offset = _offset(path.values, in_bout, force)
+    offset = _offset(path, in_bout, force)
     return offset if offset.any() else _offset_of_lifts(path, in_bout, force)
 
 
-def _offset(points: Array, in_bout: Mask, force: Array) -> Array:
+def _offset(path: Demonstration, in_bout: Mask, force: Array) -> Array:
     """Return the force (1 or 3) in the air far from the movement; 0 where it varies.
 
     The weight of a tool that is not compensated, or a sensor's offset, looks like contact.
+    Its variation is that of averages: a tool that vibrates does so in the air, too.
     """
+    points = path.values
     is_far = KDTree(points[in_bout]).query(points)[0] > _FAR
     in_air = force[is_far & ~in_bout]
     pressed = float(np.percentile(np.linalg.norm(force[in_bout], axis=1), 95))
     if len(in_air) < _LEAST_SAMPLES or pressed < _LEAST_FORCE:
         return np.zeros(force.shape[1])
     mean = in_air.mean(axis=0)
-    size, spread = np.linalg.norm(mean), np.linalg.norm(in_air.std(axis=0))
+    averages = uniform_filter1d(in_air, _steady_count(path), axis=0)
+    size, spread = np.linalg.norm(mean), np.linalg.norm(averages.std(axis=0))
     is_constant = spread < _STEADY * size and size > _WEIGHT * pressed
     return mean if is_constant else np.zeros(force.shape[1])
+
+
+def _steady_count(path: Demonstration) -> int:
+    """Return the number of samples in the time over which a force in the air is steady."""
+    return max(3, round(_STEADY_TIME / float(np.median(np.diff(path.time)))))
 
 
 def _offset_of_lifts(path: Demonstration, in_bout: Mask, force: Array) -> Array:
@@ -250,7 +259,7 @@ def _offset_of_lifts(path: Demonstration, in_bout: Mask, force: Array) -> Array:
     samples in contact fit a surface about as well as those of the recorded force do, and
     the tool is lifted from that surface in most of the other samples.
     """
-    count = max(3, round(_STEADY_TIME / float(np.median(np.diff(path.time)))))
+    count = _steady_count(path)
     none = np.zeros(force.shape[1])
     if len(force) <= count:
         return none

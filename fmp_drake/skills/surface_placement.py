@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
@@ -24,6 +25,7 @@ from fmp_drake.primitives.data.orientation import (
     unit_quaternion,
 )
 from fmp_drake.primitives.data.reading.table import columns_option, count_text
+from fmp_drake.primitives.data.windows import DEFAULT_RATE
 from fmp_drake.skills.contact import (
     Contact,
     find_contact,
@@ -59,6 +61,8 @@ _BENT = 0.5
 _LARGE_TILT = 20.0
 # Single component of a force that may be the normal force.
 _FORCE_Z = re.compile(r"(.*[_.])?f(orce)?[_.]?z")
+# Median deviation from its average of a force that vibrates, relative to its mean.
+_VIBRATING = 0.05
 # Least rotational stiffness with which a recorded orientation is followed, Nm/rad.
 _ROTATIONAL_STIFFNESS = 60.0
 # Displacement of the tool by friction, m: with the default stiffness and 10 N it is 3.3 mm.
@@ -506,6 +510,7 @@ def _normal_force(
         normal, source = along_mean, "along its mean direction in contact"
         if np.sum(along_normal[on] ** 2) > np.sum(along_mean[on] ** 2):
             normal, source = along_normal, "along the surface's normal"
+    normal = _without_vibration(demonstration.time, normal, on)
     sagitta = scenario.board.curvature().sagitta(scenario.board_footprint())
     limit = _BORNE * FeltForceLimit(scenario.eraser, sagitta=max(sagitta, lift))
     highest = float(np.percentile(normal[on], 95))
@@ -517,3 +522,15 @@ def _normal_force(
     if scale < 1:
         remark += f", scaled to {100 * scale:.0f} % of it, the limit of the felt: {limit:.0f} N"
     return np.where(on, np.clip(scale * normal, 0.0, limit), 0.0), remark
+
+
+def _without_vibration(time: Array, normal: Array, on: Mask) -> Array:
+    """Return a normal force (N,), in contact averaged over a sample of a skill if it vibrates.
+
+    A skill does not play vibrations: their peaks are not to be limited.
+    """
+    count = max(1, round(1 / DEFAULT_RATE / float(np.median(np.diff(time)))))
+    weight = uniform_filter1d(on.astype(float), count)
+    average = uniform_filter1d(np.where(on, normal, 0.0), count) / np.fmax(weight, 1e-9)
+    deviation = np.median(np.abs(normal - average)[on])
+    return average if deviation > _VIBRATING * np.mean(normal[on]) else normal

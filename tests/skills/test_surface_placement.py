@@ -153,6 +153,23 @@ def test_weight_of_a_tool_is_no_contact():
     assert_allclose(corrected[:, 2], light[:, 2], atol=0.005)
 
 
+def test_vibrations_hide_no_weight_and_are_not_limited():
+    recording, _, on, _, force = posed("plane", force="world")
+    vibration = 9 * np.sin(2 * np.pi * 13 * recording.time)
+    values = recording.values.copy()
+    # Along the normal, which is the mean direction of the force.
+    values[:, 3:6] += R_DS.apply([0.0, 0.0, 1.0]) * vibration[:, None] + [0, 0, -5.0]
+    scenario = Scenario()
+    scenario.eraser.footprint = [0.06, 0.05]  # The felt bears 25 N.
+    placed, remarks = place_on_fitted_surface(
+        [replace(recording, values=values)], scenario=scenario, extra=("force",)
+    )
+    assert any("5.0 N subtracted from the force" in remark for remark in remarks)
+    assert not any("limit of the felt" in remark for remark in remarks)
+    played = np.concatenate([d.values[:, 3] for d in placed])
+    assert played[played > 0].mean() == pytest.approx(force[on].mean(), abs=0.5)
+
+
 def strokes(shape, *, lift=0.04, mass=0.0, tilt=(0.0, 0.4, 0.2)):
     """Return a recording of strokes that go back in the air, and contact and R_DS.
 
