@@ -1,5 +1,6 @@
 """`fmp-drake learn`."""
 
+import json
 import os
 import time
 from dataclasses import dataclass
@@ -160,9 +161,33 @@ def learn(
             "also holds the controller's settings for force and orientation",
             soft_wrap=True,
         )
-    elif not skill.as_recorded and {*POSITION_CHANNELS} <= {*learned.channels_}:
+    elif not {*POSITION_CHANNELS} <= {*learned.channels_}:
+        return
+    elif skill.as_recorded and set(learned.channels_) <= {
+        *POSITION_CHANNELS,
+        *ROTATION_CHANNELS,
+    }:
+        console.print(_free_scenario(learned, skill.out), soft_wrap=True)
+    elif not skill.as_recorded:
         # Poses that are not relative to a surface are played in free space.
         has_poses = ROTATION_CHANNELS[0] in learned.channels_
         in_free_space = has_poses and "orientation" not in learning.extra
         scene = ["--scenario", "stir"] if in_free_space else []
         print_next(console, "wipe", *scene, "--skill", str(skill.out))
+
+
+def _free_scenario(skill: FourierMovementPrimitive, path: Path) -> str:
+    """Return how to play a skill of poses in the frame of the robot's base."""
+    columns = [skill.channels_.index(name) for name in POSITION_CHANNELS]
+    middle = skill.extent_[:, columns].mean(axis=0)
+    start = ", ".join(f"{round(float(number), 3) + 0:g}" for number in middle)
+    lines = [
+        "to play it in free space, if its frame is that of the robot's base, write a "
+        "scenario free.yaml (board.translation and board.rpy place another frame):",
+        "  board: {shape: none, translation: [0.0, 0.0, 0.0]}",
+        f"  start: [{start}]",
+    ]
+    if ROTATION_CHANNELS[0] in skill.channels_:
+        lines.append("  impedance: {rotational_stiffness: [60.0, 60.0, 60.0]}")
+    lines.append(f"  skill: {{file: {json.dumps(str(path.resolve()))}}}")
+    return "\n".join(lines)

@@ -35,6 +35,22 @@ def test_poses_are_played_where_the_tool_moves_freely(command, outputs):
     assert f"next: fmp-drake wipe --scenario stir --skill {skill}" in result.out
 
 
+def test_a_scenario_for_poses_in_the_frame_of_the_base_is_printed(command, outputs):
+    angle = np.arange(0, 60, 0.05)
+    path = [0.5, 0.1, 0.3] + 0.06 * np.column_stack(
+        [np.cos(angle), np.sin(angle), 0 * angle]
+    )
+    quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (len(angle), 1))
+    header = "time,x,y,z,qx,qy,qz,qw"
+    mine = table(outputs / "mine.csv", angle, path, quaternions, header=header)
+    options = ("--extra", "orientation", "--out", outputs / "skill.npz")
+    printed = command("learn", mine, "--as-recorded", *options).out
+    free = outputs / "free.yaml"
+    free.write_text(printed[printed.index("  board:") :], encoding="utf-8")
+    assert "start: [0.5, 0.1, 0.3]" in free.read_text(encoding="utf-8")
+    assert command("check", "--scenario", free).code == 0
+
+
 def test_fitted_board_that_is_not_written_is_said_to_be_lost(
     command, make_npz, outputs
 ):

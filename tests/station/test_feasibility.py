@@ -149,6 +149,23 @@ def test_start_that_is_too_far_out_is_moved_and_not_the_board(bundled_skill):
     assert "What would help: start at 0 0 0.05." in found.verdict
 
 
+def test_a_motion_in_the_frame_of_the_robot_s_base_is_played_there():
+    shown = demonstration(height=0.2, tilt=0.2)
+    values = shown.values + np.array([0.5, 0.1, 0.0, 0.0, 0.0, 0.0])
+    skill = FourierMovementPrimitive().fit(replace(shown, values=values))
+    scenario = Scenario()
+    scenario.board.shape = "none"
+    verdict = CheckFeasibility(scenario, skill).verdict
+    assert "What would help: board.translation: [0, 0, 0], and start at 0." in verdict
+    scenario.board.translation = [0.0, 0.0, 0.0]
+    found = CheckFeasibility(scenario, skill)
+    assert "What would help: start at 0." in found.verdict
+    scenario.start = found.suggestion["start"]
+    assert_allclose(scenario.start, [0.5, 0.1, 0.2], atol=0.02)
+    scenario.skill.tempo = found.suggestion.get("tempo", 1.0)
+    assert CheckFeasibility(scenario, skill).is_feasible
+
+
 def test_no_change_is_suggested_where_none_helps(bundled_skill):
     found = check(bundled_skill, x=2.0)
     assert "What would help: none of the tested changes (a slower" in found.verdict

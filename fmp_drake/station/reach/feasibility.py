@@ -310,17 +310,24 @@ class _Check:
 
     def _changes(self) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield changes of the start and the board, the smallest one first."""
-        start = [0.0, 0.0, self._scenario.start[2]]
-        if start != self._scenario.start:
-            yield f"start at 0 0 {start[2]:g}", {"start": start}
+        scenario, start = self._scenario, [0.0, 0.0, self._scenario.start[2]]
+        if not scenario.has_board:
+            middle = np.median(self._paths.reshape(-1, 3), axis=0)
+            start = (middle.round(3) + 0.0).tolist()
+        words = "start at {:g} {:g} {:g}".format(*start)
+        if start != scenario.start:
+            yield words, {"start": start}
+        origin = np.array(scenario.board.translation)
+        if not scenario.has_board and np.any(origin):
+            # Where it was recorded, if in the frame of the robot's base.
+            words = f"board.translation: [0, 0, 0], and {words}"
+            yield words, {"start": start, "move_board": (0.0 - origin).tolist()}
         moves = self._reach.moves_into_reach(
             self._paths, self._displacement, self._step, self._R_TE
         )
         for words, move in moves[:_MOVES]:
-            yield (
-                words,
-                {"move_board": (move + 0.0).tolist()},
-            )  # Without a negative zero.
+            # Without a negative zero.
+            yield words, {"move_board": (move + 0.0).tolist()}
 
     def _changed_to(self, scenario: Scenario) -> "_Check":
         """Return the check of a changed scenario, with the same samples if it plays them."""
