@@ -51,6 +51,21 @@ def test_a_scenario_for_poses_in_the_frame_of_the_base_is_printed(command, outpu
     assert command("check", "--scenario", free).code == 0
 
 
+def test_parts_that_a_fitted_surface_leaves_out_are_named(command, outputs):
+    time, idle = np.arange(0, 18, 0.02), np.zeros((50, 2))
+    few, many = 2 * np.pi * time[:300] / 1.5, 2 * np.pi * time[:500] / 2.5
+    circles = 0.05 * np.column_stack([np.cos(few), np.sin(few)]) - [0.08, 0.0]
+    eights = np.column_stack([0.05 * np.sin(2 * many), 0.1 * np.sin(many)])
+    plane = np.concatenate([circles, circles[-1] + idle, eights, idle])
+    path = np.column_stack([plane, 0 * plane[:, 0]])
+    mine = table(outputs / "mine.csv", time, path, header="time,x,y,z")
+    options = ("--surface", "plane", "--out", outputs / "skill.npz")
+    printed = command("learn", mine, *options).out
+    assert re.search(r"left out: another movement, 0\.0 to [67]\.\d s", printed)
+    assert "there are two movements: one of them is left out" in printed
+    assert printed.count("left out:") == 1
+
+
 def test_fitted_board_that_is_not_written_is_said_to_be_lost(
     command, make_npz, outputs
 ):
