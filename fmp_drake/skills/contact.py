@@ -16,8 +16,10 @@ from fmp_drake.primitives.data.channels import (
     FORCE_COMPONENTS,
     POSITION_CHANNELS,
     ROTATION_CHANNELS,
+    listed,
 )
 from fmp_drake.primitives.data.orientation import rotations_of
+from fmp_drake.primitives.data.reading.table import FORCES
 from fmp_drake.primitives.data.windows import DEFAULT_RATE, cut_demonstrations
 from fmp_drake.skills.surface_fit import fit_surface
 
@@ -78,6 +80,13 @@ def find_contact(demonstration: Demonstration, **rhythm: float | None) -> Contac
         if rotations is not None:
             touching[in_bout] = _not_lifted(path.values, in_bout, rotations)
         return Contact(touching=touching, in_bout=in_bout, force=None)
+    units = set(demonstration.select(names).units) - {"N", "1"}
+    if units:
+        raise DemonstrationError(
+            f"the unit of {listed(names)} is {' or '.join(sorted(units))}; it must be one of "
+            f"{', '.join(FORCES)} in the header or in --columns, such as "
+            f"{names[0]}=NAME [N]."
+        )
     force = demonstration.select(names).values
     force, offset = _without_offset(path, in_bout, force, rotations)
     magnitude = np.linalg.norm(force, axis=1)

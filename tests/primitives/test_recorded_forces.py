@@ -304,3 +304,24 @@ def test_columns_t_beside_a_force_are_a_torque(header, has_position, tmp_path):
     assert ({"x", "y", "z"} <= set(found.channels)) == has_position
     if "x" in names:
         assert_allclose(found.select(["x", "y", "z"]).values, files.PATH + 1)
+
+
+@pytest.mark.parametrize(
+    ("header", "newtons"),
+    [
+        ("fx [N],fy [N],fz [N]", 1),
+        ("Force X (Newtons),Force Y (Newtons),Force Z (Newtons)", 1),
+        ("fx_N,fy_N,fz_N", 1),
+        ("fx [kN],fy [kN],fz [kN]", 1000),
+        ("fx [mN],fy [mN],fz [mN]", 0.001),
+        ("fx [kgf],fy [kgf],fz [kgf]", 9.80665),
+        ("Fx (lbf),Fy (lbf),Fz (lbf)", 4.4482216),
+    ],
+)
+def test_forces_are_converted_to_newtons(header, newtons, tmp_path):
+    text = files.lines(
+        files.TIME, *files.PATH.T, *files.FORCE.T, header=f"time,x,y,z,{header}"
+    )
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(forces(found), newtons * files.FORCE)
+    assert found.select(FORCE_COMPONENTS).units == ("N",) * 3

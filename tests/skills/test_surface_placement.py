@@ -170,6 +170,15 @@ def test_vibrations_hide_no_weight_and_are_not_limited():
     assert played[played > 0].mean() == pytest.approx(force[on].mean(), abs=0.5)
 
 
+def test_a_force_in_an_unknown_unit_is_refused():
+    recording, *_ = posed("plane")
+    units = tuple("V" if unit == "N" else unit for unit in recording.units)
+    with pytest.raises(DemonstrationError, match="unit of force_x, .* is V; it must be"):
+        place_on_fitted_surface(
+            [replace(recording, units=units)], scenario=Scenario(), extra=("force",)
+        )
+
+
 def strokes(shape, *, lift=0.04, mass=0.0, tilt=(0.0, 0.4, 0.2)):
     """Return a recording of strokes that go back in the air, and contact and R_DS.
 

@@ -258,7 +258,7 @@ def _to_standard_units(
     options: ReadingOptions,
     remarks: list[str],
 ) -> list[str]:
-    """Convert the values (N, C) of channels to m and rad, and return the new units.
+    """Convert the values (N, C) of channels to m, rad and N, and return the new units.
 
     The units of angles without a unit are those of `angle_units`.
     """

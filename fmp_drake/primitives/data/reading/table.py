@@ -16,7 +16,7 @@ from fmp_drake.numeric import Array, check_number
 MOST_BYTES = 2**28
 # Longest gap between samples that is bridged, s.
 LONGEST_GAP = 0.5
-# Factors to seconds, metres and radians.
+# Factors to seconds, metres, radians and newtons.
 TIMES = {
     **dict.fromkeys(("s", "sec", "secs", "seconds"), 1.0),
     **dict.fromkeys(("ms", "msec", "milliseconds"), 1e-3),
@@ -26,6 +26,7 @@ TIMES = {
 }
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 ANGLES = {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180}
+FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "kgf": 9.80665, "gf": 9.80665e-3, "lbf": 4.4482216}
 SYMBOLS = {
     **dict.fromkeys(("meters", "metres", "meter", "metre"), "m"),
     **dict.fromkeys(("centimeters", "centimetres", "centimeter", "centimetre"), "cm"),
@@ -34,12 +35,14 @@ SYMBOLS = {
     **dict.fromkeys(("feet", "foot"), "ft"),
     **dict.fromkeys(("radians", "radian"), "rad"),
     **dict.fromkeys(("degrees", "degree"), "deg"),
+    **dict.fromkeys(("newtons", "newton"), "N"),
 }
-"""Symbols of units of length and angle that headers spell out."""
+"""Symbols of units of length, angle and force that headers spell out."""
 # `fx_ft` is of a force-torque sensor.
 _SUFFIXES = "|".join(
     sorted({*TIMES, *LENGTHS, *ANGLES} - {"ft"}, key=len, reverse=True)
 )
+_IN_NEWTONS = re.compile(r"((?:.*_)?(?:force(?:_?[xyz])?|f_?[xyz]))_n(?:ewtons?)?")
 # Names of columns that only count, and names with the axis before the word `position`.
 _COUNTER = re.compile(
     r"|unnamed_0|(.*_)?(index|idx|seq|frame|frame_num(ber)?|(time)?steps?|iter(ation)?|sample"
@@ -170,14 +173,16 @@ def unit_symbol(unit: str) -> str:
 
 
 def suffixed_unit(name: str) -> tuple[str, str]:
-    """Split a name that ends with its unit: `time_ms`; "" without a unit."""
+    """Split a name that ends with its unit: `time_ms`, `fx_n`; "" without a unit."""
+    if match := _IN_NEWTONS.fullmatch(name):
+        return match[1], "N"
     match = re.fullmatch(rf"(.+?)_(?:in_)?({_SUFFIXES})", name)
     return (match[1], match[2]) if match else (name, "")
 
 
 def standard_unit(unit: str) -> tuple[float, str]:
-    """Return the factor from a unit to metres or radians, and the new unit."""
-    for factors, standard in ((LENGTHS, "m"), (ANGLES, "rad")):
+    """Return the factor from a unit to metres, radians or newtons, and the new unit."""
+    for factors, standard in ((LENGTHS, "m"), (ANGLES, "rad"), (FORCES, "N")):
         if unit in factors:
             return factors[unit], standard
     return 1.0, unit
