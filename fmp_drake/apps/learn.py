@@ -184,8 +184,10 @@ def _free_scenario(skill: FourierMovementPrimitive, path: Path) -> str:
     middle = skill.extent_[:, columns].mean(axis=0)
     start = ", ".join(f"{round(float(number), 3) + 0:g}" for number in middle)
     lines = [
-        "to play it in free space, if its frame is that of the robot's base, write a "
-        "scenario free.yaml (board.translation and board.rpy place another frame):",
+        (
+            "to play it in free space, if its frame is that of the robot's base, write these "
+            "lines to free.yaml (board.translation and board.rpy place another frame):"
+        ),
         "  board: {shape: none, translation: [0.0, 0.0, 0.0]}",
         f"  start: [{start}]",
     ]

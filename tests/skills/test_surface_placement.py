@@ -173,7 +173,9 @@ def test_vibrations_hide_no_weight_and_are_not_limited():
 def test_a_force_in_an_unknown_unit_is_refused():
     recording, *_ = posed("plane")
     units = tuple("V" if unit == "N" else unit for unit in recording.units)
-    with pytest.raises(DemonstrationError, match="unit of force_x, .* is V; it must be"):
+    with pytest.raises(
+        DemonstrationError, match=r"unit of force_x, .* is V; it must be"
+    ):
         place_on_fitted_surface(
             [replace(recording, units=units)], scenario=Scenario(), extra=("force",)
         )

@@ -26,7 +26,14 @@ TIMES = {
 }
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 ANGLES = {"rad": 1.0, "deg": np.pi / 180, "°": np.pi / 180}
-FORCES = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "kgf": 9.80665, "gf": 9.80665e-3, "lbf": 4.4482216}
+FORCES = {
+    "N": 1.0,
+    "kN": 1e3,
+    "mN": 1e-3,
+    "kgf": 9.80665,
+    "gf": 9.80665e-3,
+    "lbf": 4.4482216,
+}
 SYMBOLS = {
     **dict.fromkeys(("meters", "metres", "meter", "metre"), "m"),
     **dict.fromkeys(("centimeters", "centimetres", "centimeter", "centimetre"), "cm"),
