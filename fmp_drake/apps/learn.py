@@ -32,6 +32,8 @@ from fmp_drake.skills.loading import load_as_recorded, load_on_board
 from fmp_drake.station import Scenario
 from fmp_drake.station.robots.robot import DEFAULT_ROBOT
 
+_POSE = {*POSITION_CHANNELS, *ROTATION_CHANNELS}
+
 
 @dataclass(frozen=True, kw_only=True)
 class LearnOptions:
@@ -165,10 +167,7 @@ def learn(
         )
     elif not {*POSITION_CHANNELS} <= {*learned.channels_}:
         return
-    elif skill.as_recorded and set(learned.channels_) <= {
-        *POSITION_CHANNELS,
-        *ROTATION_CHANNELS,
-    }:
+    elif skill.as_recorded and {*learned.channels_} <= _POSE:
         console.print(_free_scenario(learned, skill.out), soft_wrap=True)
     elif not skill.as_recorded:
         # Poses that are not relative to a surface are played in free space.
