@@ -167,7 +167,8 @@ def fit_surface(
         raise DemonstrationError(
             f"no surface fits: {chosen.shape}, the best, leaves {1e3 * chosen.residual:.1f} "
             f"mm; {1e3 * limit:.1f} mm are allowed for a contact of this size. Cut "
-            "the recording to the part that touches one surface."
+            "the recording to the part that touches one surface, or learn it in free space "
+            "(--as-recorded)."
         )
     return _centred(chosen, contact, residuals)
 

@@ -302,10 +302,13 @@ class _Check:
                 return words, values
             if pace := check._pace_remedy():
                 return f"{words}, and {pace}", values | check._changed_pace
+        force, what = ", a smaller normal force", "the board"
+        if not self._scenario.has_board:
+            force, what = "", "the motion"
         return (
-            "none of the tested changes (a slower tempo, a smaller normal force, a start "
-            f"in the middle, moves of the board by up to {100 * LONGEST_MOVE:.0f} cm); turn "
-            "the board, or make the movement smaller"
+            f"none of the tested changes (a slower tempo{force}, a start in the middle, moves "
+            f"of {what} by up to {100 * LONGEST_MOVE:.0f} cm); turn {what}, or make the "
+            "movement smaller"
         ), {}
 
     def _changes(self) -> Iterator[tuple[str, dict[str, Any]]]:

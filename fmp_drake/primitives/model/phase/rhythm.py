@@ -179,12 +179,12 @@ class Rhythm:
         if "backwards" in kinds:
             out.append(
                 "the direction reverses: the shorter part, in the opposite direction, is "
-                "left out; record one direction, or choose a part (from, to)"
+                "left out; record one direction, or choose a part (--from, --to)"
             )
         if "another movement" in kinds:
             out.append(
                 "there are two movements: one of them is left out; learn a skill of each "
-                "(from, to)"
+                "(--from, --to)"
             )
         if self.fraction_left_out > _LARGE_FRACTION:
             out.append(
