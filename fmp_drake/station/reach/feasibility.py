@@ -227,8 +227,7 @@ class _Check:
             posture = reach.start_posture()
         except StationError:
             self._faults.append("the start is out of reach")
-            middle = [0.0, 0.0, scenario.start[2]]
-            posture = reach.near_postures(X_WB[:1], middle)[0]
+            posture = reach.near_postures(X_WB[:1], [0.0, 0.0, scenario.start[2]])[0]
         postures = np.tile(posture, (len(X_WB), 1))
         motion = reach.follow(
             X_WB,
@@ -293,30 +292,23 @@ class _Check:
             return words, self._changed_pace
         may_move = self._is_far or self._is_disturbed
         for words, values in self._changes() if may_move else ():
-            changed = deepcopy(self._scenario)
-            changed.start = values.get("start", changed.start)
-            moved = np.array(changed.board.translation) + values.get("move_board", 0.0)
-            changed.board.translation = moved.tolist()
-            check = self._changed_to(changed)
+            check = self._changed_by(values)
             if check.result().is_feasible:
                 return words, values
             if pace := check._pace_remedy():
                 return f"{words}, and {pace}", values | check._changed_pace
-        force, what = ", a smaller normal force", "the board"
-        if not self._scenario.has_board:
-            force, what = "", "the motion"
+        what = "board" if self._scenario.has_board else "motion"
         return (
-            f"none of the tested changes (a slower tempo{force}, a start in the middle, moves "
-            f"of {what} by up to {100 * LONGEST_MOVE:.0f} cm); turn {what}, or make the "
-            "movement smaller"
+            "none of the tested changes (a slower tempo, a smaller normal force, a start "
+            f"in the middle, moves of the {what} by up to {100 * LONGEST_MOVE:.0f} cm); "
+            f"turn the {what}, or make the movement smaller"
         ), {}
 
     def _changes(self) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield changes of the start and the board, the smallest one first."""
         scenario, start = self._scenario, [0.0, 0.0, self._scenario.start[2]]
         if not scenario.has_board:
-            middle = np.median(self._paths.reshape(-1, 3), axis=0)
-            start = (middle.round(3) + 0.0).tolist()
+            start = (np.median(self._paths, axis=(0, 1)).round(3) + 0.0).tolist()
         words = "start at {:g} {:g} {:g}".format(*start)
         if start != scenario.start:
             yield words, {"start": start}
@@ -332,18 +324,23 @@ class _Check:
             # Without a negative zero.
             yield words, {"move_board": (move + 0.0).tolist()}
 
-    def _changed_to(self, scenario: Scenario) -> "_Check":
-        """Return the check of a changed scenario, with the same samples if it plays them."""
-        mine, values = self._scenario, self._values
-        is_same = scenario.skill == mine.skill and scenario.start == mine.start
-        return _Check(scenario, self._skill, self._bounds, values if is_same else None)
+    def _changed_by(self, values: dict[str, Any]) -> "_Check":
+        """Return the check with the values of a suggestion; the same samples if it plays them."""
+        changed, samples = deepcopy(self._scenario), self._values
+        changed.start = values.get("start", changed.start)
+        moved = np.add(changed.board.translation, values.get("move_board", 0.0))
+        changed.board.translation = moved.tolist()
+        changed.press.force = values.get("press_force", changed.press.force)
+        changed.skill.tempo = values.get("tempo", changed.skill.tempo)
+        is_same = {"start", "tempo"}.isdisjoint(values)
+        return _Check(changed, self._skill, self._bounds, samples if is_same else None)
 
     def _pace_remedy(self) -> str:
         """Return a text about tempo and normal force with which the check passes."""
         if self._is_far or not (self._slower or self._softer or self._firmer):
             return ""
         for factor in _FACTORS:
-            changed, words, pace = deepcopy(self._scenario), [], dict[str, Any]()
+            words, pace = [], dict[str, Any]()
             if self._slower is not None:
                 pace["tempo"] = max(math.floor(20 * factor * self._slower) / 20, 0.05)
                 words.append(f"slow down to tempo {pace['tempo']:.2f}")
@@ -353,11 +350,10 @@ class _Check:
             elif self._firmer is not None:
                 pace["press_force"] = float(math.ceil(self._firmer / factor))
                 words.append(f"press with at least {pace['press_force']:.0f} N")
-            changed.press.force = pace.get("press_force", changed.press.force)
-            changed.skill.tempo = pace.get("tempo", changed.skill.tempo)
-            if changed.inconsistency():  # The felt may not bear the normal force.
+            check = self._changed_by(pace)
+            # The felt may not bear the normal force.
+            if check._scenario.inconsistency():
                 continue
-            check = self._changed_to(changed)
             is_enough = check.result().is_feasible
             # Joints that are too fast are only seen with a force that they can bear.
             if not is_enough and self._slower is None and check._slower is not None:
@@ -460,8 +456,7 @@ class _Check:
         )
         reserve = bounds.torque_fraction - np.sign(per_newton) * torque
         limits = np.min(reserve / np.maximum(np.abs(per_newton), 1e-9), axis=-1)
-        torque_limit = np.quantile(np.maximum(limits, 0.0), bounds.exceptions)
-        limit = float(torque_limit)
+        limit = float(np.quantile(np.maximum(limits, 0.0), bounds.exceptions))
         if friction_lag > 0:
             limit = min(limit, force * tolerance / friction_lag)
         if ratio > bounds.torque_fraction and not self._faults:
