@@ -15,7 +15,11 @@ from fmp_drake.primitives import (
     Rhythm,
     find_rhythm,
 )
-from fmp_drake.primitives.data.channels import listed
+from fmp_drake.primitives.data.channels import (
+    POSITION_CHANNELS,
+    ROTATION_CHANNELS,
+    listed,
+)
 from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import (
     DEFAULT_RATE,
@@ -235,7 +239,7 @@ def describe_recording(
         rhythm = find_rhythm(learned, **options)
         cycles = "; ".join(rhythm.describe())
     except DemonstrationError as error:
-        cycles = f"none found: {error}"
+        cycles = f"none found: {error}{_cycles_of_poses(demonstration, **options)}"
     try:
         limits = options.get("start_time"), options.get("end_time")
         (part,) = cut_demonstrations([learned], *limits, DEFAULT_RATE)
@@ -248,6 +252,21 @@ def describe_recording(
         f"cycles: {cycles}",
         f"learning: {learning}",
     ]
+
+
+def _cycles_of_poses(demonstration: Demonstration, **options: Any) -> str:
+    """Return a remark where the positions of a recording repeat only with its orientation."""
+    poses = [*POSITION_CHANNELS, *ROTATION_CHANNELS]
+    if not set(poses) <= set(demonstration.channels):
+        return ""
+    try:
+        rhythm = find_rhythm(demonstration.select(poses), **options)
+    except DemonstrationError:
+        return ""
+    return (
+        f" With its orientation it has {rhythm.describe()[0]}: learn it with --as-recorded "
+        "--extra orientation."
+    )
 
 
 def _channels_in_words(demonstration: Demonstration) -> Iterator[str]:

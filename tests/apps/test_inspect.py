@@ -118,3 +118,17 @@ def test_the_next_command_learns_the_recording(command, make, tmp_path):
     learned = command(*words, "--n-components", 3)
     assert learned.code == 0, learned.err
     assert (tmp_path / "skill.npz").is_file()
+
+
+def test_a_wrist_that_turns_in_place_has_cycles_with_its_orientation(command, tmp_path):
+    time = np.arange(0, 20, 0.02)
+    half = 0.25 * np.sin(2 * np.pi * time / 2.5)
+    columns = {"time": time, "x": 0.5 + 2e-4 * time, "y": 1e-4 * time**1.5}
+    columns |= {"z": 0.3 - 1e-4 * time, "qx": 0 * time, "qy": 0 * time}
+    columns |= {"qz": np.sin(half), "qw": np.cos(half)}
+    path, table = tmp_path / "wrist.csv", np.column_stack([*columns.values()])
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="")
+    text = command("inspect", path).out
+    assert "cycles: none found" in text
+    assert "With its orientation it has 8.0 cycles of 2.50 s" in text
+    assert "--as-recorded --extra orientation" in text

@@ -283,9 +283,12 @@ def _search_or_join(
         if found is None:
             raise
         return found
-    if _may_be_strokes(tracked, recordings[0][:, columns], rate):
+    # The channels that do not repeat may wander.
+    track = tracked.track.of_channels(columns)
+    strokes = tracked._replace(track=track)
+    if _may_be_strokes(strokes, recordings[0][:, columns], rate):
         found = _one_cycle(recordings, columns, rate, period)
-        if found and _is_lap_of(tracked.track, found[0].track):
+        if found and _is_lap_of(track, found[0].track):
             return found
     if tracked.misfit:
         found = _search_without_pauses(recordings, columns, rate, period)

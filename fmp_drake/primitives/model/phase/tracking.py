@@ -111,6 +111,12 @@ class PhaseTrack:
         total = float(np.sum((values - values.mean(axis=0)) ** 2))
         return float(np.sum(errors**2)) / max(total, 1e-300)
 
+    def of_channels(self, columns: list[int]) -> "PhaseTrack":
+        """Return the track of some channels."""
+        if len(columns) == self.recordings[0].shape[1]:
+            return self
+        return self.with_channels([y[:, columns] for y in self.recordings])
+
     def with_channels(self, recordings: Recordings) -> "PhaseTrack":
         """Return the track of the same samples with other channels, (n, D)."""
         harmonics = self.cycle.harmonics
