@@ -115,7 +115,7 @@ QUANTITIES = {
 # Files, switches and choices that only the command line has.
 ONLY_OPTIONS = {
     *("arm", "as_recorded", "board", "clean", "cluster", "graphviz", "headless"),
-    *("help_all", "hide", "log", "markdown", "out", "page"),
+    *("help_all", "hide", "log", "markdown", "move_board", "out", "page"),
     *("parquet", "plot", "quick", "real_time", "replay", "report", "go", "dry"),
 }
 # What options of `wipe` about the film begin with.
