@@ -9,6 +9,7 @@ from fmp_drake.errors import FmpError
 from fmp_drake.primitives import ReadingOptions, read_demonstrations
 from fmp_drake.primitives.data.channels import FORCE_COMPONENTS, ROTATION_CHANNELS
 from fmp_drake.primitives.data.orientation import rotations_of
+from fmp_drake.primitives.data.reading.rows import at_times
 
 
 def bag_of(folder, ros=2, topic="", make=files.pose_stamped, **wrenches):
@@ -176,6 +177,35 @@ def test_vibrations_of_a_faster_force_are_averaged(tmp_path):
     assert np.max(np.abs(error)) < 0.7
 
 
+@pytest.mark.parametrize("shift", [0.0, 3e-4])
+def test_a_faster_force_is_averaged_in_a_table_of_several_sensors(shift, tmp_path):
+    fast = np.round(np.arange(8000) * 1e-3, 6)
+    force = 10 + np.sin(fast) + 8 * np.sin(2 * np.pi * 96 * fast)
+    # All positions, or every other one, have a force at their times.
+    place = files.TIME + shift * (np.arange(400) % 2)
+    turn = np.arange(0, 8, 0.002) + 1e-4
+    times = np.unique(np.round(np.concatenate([fast, place, turn]), 6))
+    values = np.full((len(times), 10), np.nan)
+    values[np.searchsorted(times, np.round(place, 6)), :3] = files.PATH
+    values[np.searchsorted(times, np.round(turn, 6)), 3:7] = [0.0, 0.0, 0.0, 1.0]
+    values[np.searchsorted(times, fast), 7:] = force[:, None]
+    header = "time,x,y,z,qx,qy,qz,qw,fx,fy,fz"
+    path = files.write(tmp_path, files.lines(times, *values.T, header=header)).path
+    (found,), _ = read_demonstrations([path])
+    error = forces(found)[5:-5] - (10 + np.sin(found.time[5:-5, None]))
+    assert np.max(np.abs(error)) < 0.7
+
+
+def test_stamps_in_bursts_change_no_average():
+    stamps = 0.02 * np.repeat(np.arange(100), 20) + np.tile(5e-5 * np.arange(20), 100)
+    values = np.sin(2 * np.pi * 2 * stamps)
+    values[777] = np.nan
+    found = at_times(np.arange(10, 90) * 0.02, stamps, values, name="force_x")
+    known = np.sin(2 * np.pi * 2 * np.arange(10, 90) * 0.02)
+    assert np.nanmax(np.abs(found - known)) < 0.05
+    assert np.count_nonzero(np.isnan(found)) <= 1
+
+
 def test_a_force_is_added_to_a_position_with_dates(tmp_path):
     paths = [files.npz_with_dates(tmp_path).path, force_file(tmp_path, LATER)]
     (found,), _ = read_demonstrations(paths)
@@ -325,3 +355,14 @@ def test_forces_are_converted_to_newtons(header, newtons, tmp_path):
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert_allclose(forces(found), newtons * files.FORCE)
     assert found.select(FORCE_COMPONENTS).units == ("N",) * 3
+
+
+@pytest.mark.parametrize(
+    "header", ["time,x,y,z,normal_force\ns,m,m,m,kN", "time,x,y,z,normal_force [kN]"]
+)
+def test_a_normal_force_is_converted_to_newtons(header, tmp_path):
+    force = files.FORCE[:, 2]
+    text = files.lines(files.TIME, *files.PATH.T, force, header=header)
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert (found.channels[3], found.units[3]) == ("force", "N")
+    assert_allclose(found.values[:, 3], 1000 * force)

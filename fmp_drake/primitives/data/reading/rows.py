@@ -41,11 +41,11 @@ def interpolated(
     if are_most or not axes.any() or not len(others) or np.any(is_sparse):
         return values, np.ones(len(values), dtype=bool)
     values, order = values.copy(), list(channels)
-    for i in others:
+    forces = np.isin(order, (FORCE_CHANNEL, *FORCE_COMPONENTS))
+    for i in {*others, *np.flatnonzero(forces)}:
         rows = known[:, i]
-        values[~rows, i] = at_times(
-            time[~rows], time[rows], values[rows, i], name=order[i]
-        )
+        new = at_times(time[is_placed], time[rows], values[rows, i], name=order[i])
+        values[is_placed, i] = np.where(np.isnan(new), values[is_placed, i], new)
     index = [order.index(n) for n in QUATERNION_CHANNELS if n in channels]
     rows = np.all(known[:, index], axis=1)
     is_new = ~rows & ~np.any(np.isnan(values[:, index]), axis=1)
@@ -63,12 +63,8 @@ def at_times(time: Array, stamps: Array, values: Array, *, name: str) -> Array:
     Forces of a faster sensor are averaged over an interval of the times: single ones of a
     tool that vibrates would look like a slow change. Angles may jump by a revolution.
     """
-    if name in (FORCE_CHANNEL, *FORCE_COMPONENTS) and len(time) > 1 < len(stamps):
-        interval = np.median(np.diff(np.sort(time)))
-        half = int(interval / max(float(np.median(np.diff(stamps))), 1e-9) / 2)
-        kernel = np.ones(2 * min(half, len(stamps) - 1) + 1)
-        padded = np.pad(values, len(kernel) // 2, mode="edge")
-        values = np.convolve(padded, kernel / len(kernel), mode="valid")
+    if name in (FORCE_CHANNEL, *FORCE_COMPONENTS) and len(time) > 1:
+        values = _averaged(stamps, values, float(np.median(np.diff(np.sort(time)))))
     turn = _revolution(values) if name in EULER_CHANNELS else None
     smooth = values if turn is None else np.unwrap(values, period=turn)
     after = np.searchsorted(stamps, time).clip(1, len(stamps) - 1)
@@ -77,6 +73,22 @@ def at_times(time: Array, stamps: Array, values: Array, *, name: str) -> Array:
     new = np.where(is_near & is_inside, np.interp(time, stamps, smooth), np.nan)
     least = np.min(values)
     return new if turn is None else (new - least) % turn + least
+
+
+def _averaged(stamps: Array, values: Array, interval: float) -> Array:
+    """Return values (N,) of increasing stamps (N,), s, averaged over an interval around each.
+
+    The samples may come in bursts. NaN remain, and do not count.
+    """
+    half = 0.501 * interval  # Also those at both ends.
+    first = np.searchsorted(stamps, stamps - half)
+    last = np.searchsorted(stamps, stamps + half, side="right")
+    known = ~np.isnan(values)
+    count, total = (
+        np.append(0.0, np.cumsum(x)) for x in (known, np.where(known, values, 0.0))
+    )
+    mean = (total[last] - total[first]) / np.maximum(count[last] - count[first], 1.0)
+    return np.where(known, mean, np.nan)
 
 
 def _revolution(angles: Array) -> float | None:
