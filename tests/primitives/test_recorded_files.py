@@ -425,7 +425,7 @@ def test_angles_of_opensim_have_the_unit_of_the_header(
     assert_allclose(found.values[:, 1:], factor * files.PATH[:, 1:], atol=1e-9)
 
 
-@pytest.mark.parametrize("names", ["px,py,pz", "tx,ty,tz", "x,y,z"])
+@pytest.mark.parametrize("names", ["px,py,pz", "tx,ty,tz", "x,y,z", "X,Y,Z"])
 def test_positions_in_a_file_of_opensim_are_no_angles(names, tmp_path):
     head = "Coordinates\nversion=1\nnRows=400\ninDegrees=yes\nendheader\n"
     text = head + files.xyz(header=f"time,{names}")

@@ -310,7 +310,7 @@ def test_positions_that_are_only_commanded_are_reported(tmp_path):
         ("normal_force", "force"),
         ("Normal Force (N)", "force"),
         ("sensor.force_normal", "force"),
-        ("normal_force [kN]", "normal_force"),
+        ("normal_force [V]", "normal_force"),
         ("fz", "fz"),
         ("force_z", "force_z"),
     ],

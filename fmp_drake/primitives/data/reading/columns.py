@@ -32,6 +32,7 @@ from fmp_drake.primitives.data.reading.rows import (
 )
 from fmp_drake.primitives.data.reading.table import (
     ANGLES,
+    FORCES,
     LENGTHS,
     LONGEST_GAP,
     Column,
@@ -367,8 +368,8 @@ def _channels(
         for c in columns
         if _NORMAL_FORCE.fullmatch(c.key) and not _COMMANDED.fullmatch(c.key)
     ]
-    is_newton = [c.unit in ("", "N") for c in forces] == [True]
-    if is_newton and FORCE_CHANNEL not in labels.values():
+    is_force = [c.unit in ("", *FORCES) for c in forces] == [True]
+    if is_force and FORCE_CHANNEL not in labels.values():
         labels[forces[0].number] = FORCE_CHANNEL
     if len(positions) > 1:
         prefix, group = next(iter(positions.items()))

@@ -16,6 +16,7 @@ import numpy as np
 from fmp_drake.errors import SkillFileError
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives.data.reading.table import (
+    FORCES,
     MOST_BYTES,
     SYMBOLS,
     ReadingOptions,
@@ -42,7 +43,7 @@ _LIST = re.compile(r""""?(?:array\()?(?:'d', ?)?[\[(]([-+.\deE,; \[\]]+)[\])]+"?
 _LIST_MARK = re.compile(r"[,; \[\]]+")
 # Header of OpenSim, and its columns that are not angles of joints.
 _IN_DEGREES = re.compile(r"^inDegrees\s*=\s*(yes|no)\s*$", re.IGNORECASE | re.MULTILINE)
-_NO_ANGLE = re.compile(r"time|.*_t[xyz]|[pt]?[xyz]")
+_NO_ANGLE = re.compile(r"time|.*_t[xyz]|[pt]?[xyz]", re.IGNORECASE)
 # Greatest fraction of broken rows that are left out; number of rows that allows one.
 _MOST_BROKEN, _FEW = 0.01, 20
 # Greatest number of broken rows that a command deletes.
@@ -50,8 +51,8 @@ _MOST_DELETED = 20
 # Greatest number of lines before the numbers.
 _LONGEST_PREAMBLE = 200
 _UNIT = re.compile(
-    r"[\[(]?(|[numkcd]?s|[munc]?m|in|ft|m?rad|deg|°|N|N/?m|-|m/s|rad/s"
-    rf"|(?i:sec|seconds|{'|'.join(SYMBOLS)}))[\])]?"
+    r"[\[(]?(|[numkcd]?s|[munc]?m|in|ft|m?rad|deg|°|N/?m|-|m/s|rad/s"
+    rf"|{'|'.join(FORCES)}|(?i:sec|seconds|{'|'.join(SYMBOLS)}))[\])]?"
 )
 # Names of columns of numbers that identify a sensor, and the greatest number of sensors.
 SOURCE_NAME = re.compile(
