@@ -3,6 +3,7 @@
 import json
 import os
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -144,10 +145,9 @@ def learn(
     console.print(
         f"learned {source_in_words(learned)} in {time.perf_counter() - start:.2f} s"
     )
-    for sentence in skill_in_words(learned):
-        # The times of bouts on a surface are not those of the recording.
-        if learning.surface is None or not sentence.startswith("left out:"):
-            console.print(sentence)
+    bouts = 0 if learning.surface is None else len(recordings)
+    for sentence in _sentences(learned, bouts):
+        console.print(sentence)
     save_skill(learned, skill.out)
     console.print(f"wrote {skill.out}")
     if skill.plot is not None:
@@ -175,6 +175,18 @@ def learn(
         in_free_space = has_poses and "orientation" not in learning.extra
         scene = ["--scenario", "stir"] if in_free_space else []
         print_next(console, "wipe", *scene, "--skill", str(skill.out))
+
+
+def _sentences(skill: FourierMovementPrimitive, bouts: int) -> Iterator[str]:
+    """Yield sentences about a skill, learned from a number of bouts on a surface, or 0."""
+    for sentence in skill_in_words(skill):
+        if not bouts or not sentence.startswith("left out:"):
+            yield sentence
+        elif bouts > 1:  # Of one, the remarks have the times of the recording.
+            yield (
+                f"{sentence.replace('of recording', 'of bout')} (bouts are counted over all "
+                "recordings, each from 0 s)"
+            )
 
 
 def _free_scenario(skill: FourierMovementPrimitive, path: Path) -> str:

@@ -66,6 +66,20 @@ def test_parts_that_a_fitted_surface_leaves_out_are_named(command, outputs):
     assert printed.count("left out:") == 1
 
 
+def test_bouts_on_a_surface_that_are_another_movement_are_named(command, outputs):
+    time = np.arange(0, 12, 0.02)
+    fast, slow = 2 * np.pi * time[:300] / 1.5, 2 * np.pi * time / 2.5
+    circles = 0.05 * np.column_stack([np.cos(fast), np.sin(fast), 0 * fast])
+    eights = np.column_stack([0.05 * np.sin(2 * slow), 0.1 * np.sin(slow), 0 * slow])
+    files = [
+        table(outputs / name, time[: len(path)], path, header="time,x,y,z")
+        for name, path in (("circles.csv", circles), ("eights.csv", eights))
+    ]
+    options = ("--surface", "plane", "--out", outputs / "skill.npz")
+    printed = " ".join(command("learn", *files, *options).out.split())
+    assert "left out: another movement, 0.0 to 6.0 s of bout 1 (bouts" in printed
+
+
 def test_fitted_board_that_is_not_written_is_said_to_be_lost(
     command, make_npz, outputs
 ):
