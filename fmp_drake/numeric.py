@@ -164,7 +164,7 @@ def check_type(value: Any, what: str, kind: Any, *, error: type[FmpError]) -> No
 
 def as_flag(value: Any, what: str, *, error: type[FmpError] = SkillError) -> bool:
     """Return a value that is True or False, also of NumPy; raise an error for others."""
-    if np.ndim(value) or value not in (True, False):
+    if not np.isscalar(value) or value not in (True, False):
         raise error(f"{what} is {shown(value)}; it must be True or False.")
     return bool(value)
 

@@ -113,6 +113,10 @@ WRONG = {
         lambda: player().advance(player().start([0.1, 0, 0]), "a"),
         "seconds: 'a' cannot be read as real numbers",
     ),
+    "advanced by nothing": (
+        lambda: player().advance(player().start([0.1, 0, 0]), None),
+        "seconds is nan s; it must be at least 0 s",
+    ),
     "target of two weights": (
         lambda: player().retarget(player().start([0.1, 0, 0]), [0.0, 1.0]),
         r"the target of shape \(2,\); expected \(\d+,\)",
@@ -120,6 +124,10 @@ WRONG = {
     "sample of a word": (
         lambda: Player(player().skill, sample="yes"),
         "sample is 'yes'; it must be True or False",
+    ),
+    "sample of lists": (
+        lambda: Player(player().skill, sample=[[1], [1, 2]]),
+        "sample is .*; it must be True or False",
     ),
     "score of nothing": (
         lambda: player().skill.score_samples(None),

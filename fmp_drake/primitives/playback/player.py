@@ -248,7 +248,7 @@ class Player:
     def advance(self, state: PlaybackState, seconds: float) -> PlaybackState:
         """Return the state some seconds of real time later, with all ticks and re-mappings."""
         tick, rounding = self.tick_seconds, _ROUNDING * self.tick_seconds
-        as_floats(seconds, "seconds", ())
+        seconds = float(as_floats(seconds, "seconds", ()))
         # A tick that is overdue is as long ago.
         if not min(state.seconds_until(tick), 0.0) - rounding <= seconds < np.inf:
             check_number(seconds, "seconds", least=0, unit="s")
