@@ -124,6 +124,14 @@ def test_a_force_of_a_part_of_a_bag_is_read_where_it_is_named(tmp_path):
         bag_of(tmp_path / "none", topic="/pose,/ft", ft=before)
 
 
+def test_the_force_of_a_faster_topic_of_a_bag_is_averaged(tmp_path):
+    slow = lambda ros, k: None if k % 4 else files.pose_stamped(ros, k)
+    ft = lambda k: files.wrench_stamped(2, k, sign=(-1) ** k)
+    found, _ = bag_of(tmp_path, make=slow, ft=ft)
+    # Single samples at the times of the poses are all of one sign.
+    assert np.all(np.abs(forces(found)[1:-1, 2]) < 0.3 * -files.FORCE[::4, 2][1:-1])
+
+
 @pytest.mark.parametrize("topic", ["", "/franka,/ft"])
 def test_the_force_of_a_franka_arm_is_read_unless_another_is_named(topic, tmp_path):
     pytest.importorskip("rosbags")

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillFileError
 from fmp_drake.numeric import Array, Indices
+from fmp_drake.primitives.data.channels import FORCE_CHANNEL
 from fmp_drake.primitives.data.reading.rows import at_times
 from fmp_drake.primitives.data.reading.table import (
     LONGEST_GAP,
@@ -216,7 +217,9 @@ def _joined(
         )
         stamps = (there - start).astype(float) * 1e-9
         added = [
-            at_times(time, stamps, column, name=name)
+            at_times(
+                time, stamps, column, name=FORCE_CHANNEL if name in _FORCE else name
+            )
             for name, column in zip(other.names, other.values[rows].T, strict=True)
         ]
         covered = float(np.mean(~np.isnan(added[0])))
