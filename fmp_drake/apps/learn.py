@@ -197,7 +197,7 @@ def _free_scenario(skill: FourierMovementPrimitive, path: Path) -> str:
     lines = [
         (
             "to play it in free space, if its frame is that of the robot's base, write these "
-            "lines to free.yaml (board.translation and board.rpy place another frame):"
+            "lines to free.yaml (for another frame, set board.translation and board.rpy):"
         ),
         "  board: {shape: none, translation: [0.0, 0.0, 0.0]}",
         f"  start: [{start}]",
