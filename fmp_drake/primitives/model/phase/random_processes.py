@@ -23,8 +23,8 @@ _OUTLIER_FRACTION = 0.05
 _SUFFICIENT_WINDOWS = 5
 # Greatest deviation of an initial phase velocity, in standard deviations.
 _MOST_DEVIATION = 2.5
-# Residual: phases of the factors, width of the kernel over phases, rad, and weight, in
-# cycles, of the covariance over all phases; of its diagonal where there are few cycles.
+# Residual: phases of the factors, width of the kernel over phases, rad, and weight of the
+# covariance over all phases, in cycles.
 _GRID_PHASES = 64
 _KERNEL_WIDTH = 0.3
 _PRIOR_CYCLES = 3.0
@@ -339,16 +339,13 @@ class Residual:
         local = np.einsum("gn,na,nb->gab", kernel, r, r, optimize=True)
         overall = r.T @ r / len(r)
         cycles = count_cycles(phases)
-        has_few_cycles = cycles < FEW_CYCLES
-        # Few cycles hardly say how channels are correlated.
-        prior = np.diag(np.diag(overall)) if has_few_cycles else overall
-        local = (cycles * local + _PRIOR_CYCLES * prior) / (cycles + _PRIOR_CYCLES)
+        local = (cycles * local + _PRIOR_CYCLES * overall) / (cycles + _PRIOR_CYCLES)
         local += 1e-12 * np.eye(r.shape[1])
         variances, vectors = np.linalg.eigh(local)
         factors = np.einsum("gab,gb,gcb->gac", vectors, np.sqrt(variances), vectors)
         process = Autoregression.fit_separately(residuals, order=_RESIDUAL_ORDER)
         residual = cls(factors=np.ascontiguousarray(factors), process=process)
-        if has_few_cycles:
+        if cycles < FEW_CYCLES:
             return residual
         whitened = [
             residual.standardised(p, x) for p, x in zip(phases, residuals, strict=True)
