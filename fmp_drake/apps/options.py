@@ -331,7 +331,7 @@ class SceneOptions(ScenarioOptions):
     )
     move_board: tuple[float, float, float] | None = option(
         None,
-        "Displacement of the board from its place in the scenario, in the world, m.",
+        "Displacement of the board from its place in the scenario, in the world frame, m.",
         metavar="X Y Z",
         basic=False,
     )

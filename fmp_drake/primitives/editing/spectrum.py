@@ -276,6 +276,7 @@ def modulate_windows(
     n = y.shape[-2]
     index = channel_indices(channels, [f"c{i}" for i in range(y.shape[-1])])
     check_type(harmonics, "harmonics", Iterable, error=SkillError)
+    harmonics = list(harmonics)
     for k in harmonics:
         check_number(k, "a harmonic", whole=True)
     numbers = sorted({int(k) for k in harmonics})
