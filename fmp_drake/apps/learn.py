@@ -30,6 +30,7 @@ from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.skills import learn_skill
 from fmp_drake.skills.description import skill_in_words, source_in_words
 from fmp_drake.skills.loading import load_as_recorded, load_on_board
+from fmp_drake.skills.surface_placement import ROTATIONAL_STIFFNESS
 from fmp_drake.station import Scenario
 from fmp_drake.station.robots.robot import DEFAULT_ROBOT
 
@@ -203,6 +204,7 @@ def _free_scenario(skill: FourierMovementPrimitive, path: Path) -> str:
         f"  start: [{start}]",
     ]
     if ROTATION_CHANNELS[0] in skill.channels_:
-        lines.append("  impedance: {rotational_stiffness: [60.0, 60.0, 60.0]}")
+        stiffness = [ROTATIONAL_STIFFNESS] * 3
+        lines.append(f"  impedance: {{rotational_stiffness: {stiffness}}}")
     lines.append(f"  skill: {{file: {json.dumps(str(path.resolve()))}}}")
     return "\n".join(lines)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array, Mask, runs
-from fmp_drake.primitives import Demonstration, find_rhythm
+from fmp_drake.primitives import Demonstration, Rhythm, find_rhythm
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
     FORCE_COMPONENTS,
@@ -59,18 +59,24 @@ class Contact:
         N; None where it was not recorded.
     offset : float
         Magnitude of the force in the air that was subtracted, N.
+    rhythm : Rhythm or None
+        Of the positions; None where nothing repeats.
     """
 
     touching: Mask
     in_bout: Mask
     force: Array | None
     offset: float = 0.0
+    rhythm: Rhythm | None = None
 
 
-def find_contact(demonstration: Demonstration, **rhythm: float | None) -> Contact:
-    """Find where the tool touches, by the bouts of the movement, and by force or orientation."""
+def find_contact(demonstration: Demonstration, **options: float | None) -> Contact:
+    """Find where the tool touches, by the bouts of the movement, and by force or orientation.
+
+    The options are those of `find_rhythm`.
+    """
     path = demonstration.select(POSITION_CHANNELS)
-    in_bout = samples_in_bouts(path, **rhythm)
+    in_bout, rhythm = _find_bouts(path, **options)
     channels = set(demonstration.channels)
     forces = (FORCE_COMPONENTS, (FORCE_CHANNEL,))
     names = next((f for f in forces if set(f) <= channels), None)
@@ -79,7 +85,7 @@ def find_contact(demonstration: Demonstration, **rhythm: float | None) -> Contac
         touching = in_bout.copy()
         if rotations is not None:
             touching[in_bout] = _not_lifted(path.values, in_bout, rotations)
-        return Contact(touching=touching, in_bout=in_bout, force=None)
+        return Contact(touching=touching, in_bout=in_bout, force=None, rhythm=rhythm)
     units = set(demonstration.select(names).units) - {"N", "1"}
     if units:
         raise DemonstrationError(
@@ -102,33 +108,39 @@ def find_contact(demonstration: Demonstration, **rhythm: float | None) -> Contac
         in_bout=in_bout,
         force=force,
         offset=offset,
+        rhythm=rhythm,
     )
 
 
-def samples_in_bouts(
-    path: Demonstration,
-    *,
-    start_time: float | None = None,
-    end_time: float | None = None,
-    period: float | None = None,
-) -> Mask:
+def samples_in_bouts(path: Demonstration, **options: float | None) -> Mask:
     """Return which samples of a path are in bouts of its movement.
 
     The options are those of `find_rhythm`. Without a rhythm all samples between the times
     are.
     """
+    return _find_bouts(path, **options)[0]
+
+
+def _find_bouts(
+    path: Demonstration,
+    *,
+    start_time: float | None = None,
+    end_time: float | None = None,
+    period: float | None = None,
+) -> tuple[Mask, Rhythm | None]:
+    """Return `samples_in_bouts`, and the rhythm of the path, if it has any."""
     (part,) = cut_demonstrations([path], start_time, end_time, DEFAULT_RATE)
     try:
         rhythm = find_rhythm(
             path, start_time=start_time, end_time=end_time, period=period
         )
     except DemonstrationError:
-        return np.isin(path.time, part.time)
+        return np.isin(path.time, part.time), None
     in_bout = np.zeros(len(path.time), dtype=bool)
     time = path.time - path.time[0]
     for bout in rhythm.bouts:
         in_bout |= (time >= bout.start) & (time <= bout.end)
-    return in_bout
+    return in_bout, rhythm
 
 
 def recorded_rotations(demonstration: Demonstration) -> Rotation | None:

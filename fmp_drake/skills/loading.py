@@ -6,12 +6,7 @@ from pathlib import Path
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.numeric import check_number
-from fmp_drake.primitives import (
-    Demonstration,
-    ReadingOptions,
-    find_rhythm,
-    read_demonstrations,
-)
+from fmp_drake.primitives import Demonstration, ReadingOptions, read_demonstrations
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
 from fmp_drake.primitives.data.reading.parts import is_part
 from fmp_drake.skills.joint_recording import FindRobotOfInverseRotation
@@ -71,9 +66,6 @@ def load_on_board(
             extra=extra,
             **rhythm,
         )
-        for number, pose in enumerate(poses, 1):
-            where = f"recording {number}: " if len(poses) > 1 else ""
-            remarks += [where + line for line in _left_out(pose, **rhythm)]
         return demonstrations, [*remarks, *notes]
     loaded = [load_as_recorded([p], stretch=stretch, reading=reading) for p in files]
     parts = [all(is_part(d.channels, d.units) for d in each) for each, _ in loaded]
@@ -112,15 +104,6 @@ def load_on_board(
             remarks += [f"{path.name}: {note}" for note in notes]
         remarks += [f"{path.name}: {curved}"] if curved else []
     return demonstrations, remarks
-
-
-def _left_out(pose: Demonstration, **rhythm: float | None) -> list[str]:
-    """Return remarks on the parts of a recording that are not its movement."""
-    try:
-        found = find_rhythm(pose.select(POSITION_CHANNELS), **rhythm)
-    except DemonstrationError:
-        return []
-    return [line for line in found.describe() if "left out" in line]
 
 
 def _is_placed(demonstration: Demonstration) -> bool:

@@ -63,8 +63,8 @@ _LARGE_TILT = 20.0
 _FORCE_Z = re.compile(r"(.*[_.])?f(orce)?[_.]?z")
 # Median deviation from its average of a force that vibrates, relative to its mean.
 _VIBRATING = 0.05
-# Least rotational stiffness with which a recorded orientation is followed, Nm/rad.
-_ROTATIONAL_STIFFNESS = 60.0
+ROTATIONAL_STIFFNESS = 60.0
+"""Least rotational stiffness with which a recorded orientation is followed, Nm/rad."""
 # Displacement of the tool by friction, m: with the default stiffness and 10 N it is 3.3 mm.
 _FRICTION_LAG = 0.0033
 # Additional height of a board on which the wrist tilts outwards, m.
@@ -131,7 +131,8 @@ def place_on_fitted_surface(
                 f"z: {columns_option(dict.fromkeys(POSITION_CHANNELS, 'NAME'))}"
             )
     fit, contacts = _fit(demonstrations, shape, **rhythm)
-    remarks = [
+    remarks = _left_out(contacts)
+    remarks += [
         f"{c.offset:.1f} N subtracted from the force: measured in the air, such as the "
         "weight of the tool"
         for c in contacts
@@ -289,6 +290,17 @@ def _fit(
     return fit_surface(points, touching, tools=tools, shape=shape), contacts
 
 
+def _left_out(contacts: Sequence[Contact]) -> list[str]:
+    """Return remarks on the parts of recordings that are not their movement."""
+    return [
+        f"recording {number}: {line}" if len(contacts) > 1 else line
+        for number, contact in enumerate(contacts, 1)
+        if contact.rhythm is not None
+        for line in contact.rhythm.describe()
+        if "left out" in line
+    ]
+
+
 def _bouts(demonstration: Demonstration, in_bout: Mask) -> list[Demonstration]:
     """Return the bouts of a demonstration."""
     return [
@@ -376,11 +388,11 @@ def _on_board(time: Array, uvh: Array, contact: Contact, scale: float) -> Array:
 def _adapt_controller(scenario: Scenario, extra: Sequence[str]) -> list[str]:
     """Adapt a scenario's controller to an orientation and a force; return remarks."""
     impedance, remarks = scenario.impedance, []
-    stiffness = [max(k, _ROTATIONAL_STIFFNESS) for k in impedance.rotational_stiffness]
+    stiffness = [max(k, ROTATIONAL_STIFFNESS) for k in impedance.rotational_stiffness]
     if "orientation" in extra and stiffness != impedance.rotational_stiffness:
         impedance.rotational_stiffness = stiffness
         remarks.append(
-            f"rotational stiffness raised to {_ROTATIONAL_STIFFNESS:g} Nm/rad to follow "
+            f"rotational stiffness raised to {ROTATIONAL_STIFFNESS:g} Nm/rad to follow "
             "the orientation"
         )
     if "force" in extra and not impedance.force_control.enabled:
