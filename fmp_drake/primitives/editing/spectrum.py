@@ -282,7 +282,7 @@ def modulate_windows(
     numbers = sorted({int(k) for k in harmonics})
     if not numbers or numbers[0] < 0 or numbers[-1] > n // 2:
         raise SkillError(
-            f"the harmonics are {list(harmonics)}; give some from 0 to {n // 2}."
+            f"the harmonics are {harmonics}; give some from 0 to {n // 2}."
         )
     check_number(gain, "gain", least=0.0)
     check_number(phase, "phase", unit="rad")

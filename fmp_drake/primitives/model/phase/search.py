@@ -284,11 +284,10 @@ def _search_or_join(
             raise
         return found
     # The channels that do not repeat may wander.
-    track = tracked.track.of_channels(columns)
-    strokes = tracked._replace(track=track)
+    strokes = tracked._replace(track=tracked.track.of_channels(columns))
     if _may_be_strokes(strokes, recordings[0][:, columns], rate):
         found = _one_cycle(recordings, columns, rate, period)
-        if found and _is_lap_of(track, found[0].track):
+        if found and _is_lap_of(strokes.track, found[0].track):
             return found
     if tracked.misfit:
         found = _search_without_pauses(recordings, columns, rate, period)
