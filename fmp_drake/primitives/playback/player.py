@@ -18,7 +18,7 @@ from fmp_drake.numeric import (
     one_blas_thread,
 )
 from fmp_drake.primitives.model.basis import closing_samples
-from fmp_drake.primitives.model.mapping import MappingPlan
+from fmp_drake.primitives.model.mapping import MappingPlan, start_variances
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 from fmp_drake.primitives.model.region import DemonstratedRegion, automatic_margin
 from fmp_drake.primitives.model.trajectory_mixture import check_skill
@@ -39,8 +39,6 @@ type Score = Callable[[Array], Array]
 # Tolerance of the mapped weights to the motion of a pushed robot, as a fraction of the
 # movement's half width.
 _PUSH_TOLERANCE = 0.05
-# Variance of the force at a start, as a factor of that of the movement.
-_FORCE_VARIANCE = 1e6
 # Least time between two re-mappings, and least period, in time constants of the offset. Circles
 # of 0.5 to 2.5 s at tempos of 1 to 8 keep their size with 4, and grow up to fifteenfold with 2
 # or 3. Of a longer offset a movement of less than 2 s keeps a part at every re-mapping.
@@ -199,11 +197,11 @@ class Player:
             for c in skill.components_
         ]
         self._confidence = confidence
-        tolerance = _start_variances(skill, start_tolerance)
+        tolerance = start_variances(skill, start_tolerance)
         self._start_plan = skill.mapping_plan([skill.overlap - 1], tolerance=tolerance)
         first = np.arange(skill.overlap)
         self._remap_plan = skill.mapping_plan(first)
-        pushed = np.tile(_start_variances(skill, _PUSH_TOLERANCE), skill.overlap)
+        pushed = np.tile(start_variances(skill, _PUSH_TOLERANCE), skill.overlap)
         self._push_plan = skill.mapping_plan(first, tolerance=pushed)
         self._rows = skill.basis.synthesize(np.eye(skill.n_steps))[..., 0].T
         self._covariances: dict[int, Array] = {}
@@ -668,26 +666,3 @@ class Player:
                 state = self._tick(state, self.tick_seconds)
         time = np.arange(ticks + 1) / self.skill.rate
         return Motion(out if starts.ndim == 2 else out[0], time=time)
-
-
-def _start_variances(skill: FourierMovementPrimitive, fraction: float) -> Array:
-    """Return lambda of (13) for a start, per channel, shape (D,).
-
-    `fraction` is relative to the movement's half width: root 2 times the standard deviation
-    over all channels of a unit together, which a rotation does not change. Only the offset
-    adapts to a measured force, because without contact it is not informative.
-    """
-    check_number(fraction, "start_tolerance", least=0)
-    n, d = skill.n_steps, skill.n_channels_
-    square, mean = np.zeros(d), np.zeros(d)
-    for proportion, c in zip(skill.proportions_, skill.components_, strict=True):
-        weights = c.mean.reshape(d, n)
-        spread = (c.basis**2 @ c.variances).reshape(d, n)
-        square += proportion * (weights**2 + spread + c.noise).sum(axis=1) / n
-        mean += proportion * weights[:, 0] / np.sqrt(n)
-    variances = np.maximum(square - mean**2, 0) * skill.scales_**2
-    units = np.array(skill.units_)
-    squares = np.array([2 * variances[units == unit].sum() for unit in units])
-    is_force = np.char.endswith(units, "N")  # Also kN.
-    squares = np.where(is_force, _FORCE_VARIANCE * squares, fraction**2 * squares)
-    return np.maximum(squares, skill.tolerance * np.square(skill.scales_))
