@@ -112,26 +112,35 @@ def test_choice_draws_samples_out_where_the_region_allows_it(skill):
     assert_allclose(far, 1.5 * near, atol=1e-12)
 
 
-def test_choice_does_not_draw_out_a_force(wiping_demonstration):
-    noise = np.random.default_rng(0).normal(10, 2, len(wiping_demonstration.time))
-    noise[::600] += 20  # Its range is wide enough for every sample.
+@pytest.mark.parametrize(
+    ("scored", "others"), [(None, [3]), ((0, 1), [2, 3]), ((1,), [0, 2, 3])]
+)
+def test_choice_draws_out_only_the_scored_channels(
+    wiping_demonstration, scored, others
+):
+    rng = np.random.default_rng(0)
+    noise = rng.normal([0.02, 10], [0.01, 2], (len(wiping_demonstration.time), 2))
+    noise[::600, 1] += 20  # Its range is wide enough for every sample.
     demonstration = replace(
         wiping_demonstration,
-        values=np.column_stack([wiping_demonstration.values, noise]),
-        channels=(*wiping_demonstration.channels, "force"),
-        units=(*wiping_demonstration.units, "N"),
+        values=np.column_stack([wiping_demonstration.values[:, :2], noise]),
+        channels=("x", "y", "z", "force"),
+        units=("m", "m", "m", "N"),
     )
     skill = FourierMovementPrimitive(model="phase", n_components=40).fit(demonstration)
     free, wide = Player(skill, margin=None), Player(skill, margin=5.0)
     state = free.start(on_path(skill))
     near, far = (
         skill.synthesize(
-            p.track_sample(state, count=16, score=lambda v: -np.arange(len(v))).target
+            p.track_sample(
+                state, count=16, score=lambda v: -np.arange(len(v)), scored=scored
+            ).target
         )
         for p in (free, wide)
     )
-    assert_allclose(far[:, 3], near[:, 3], atol=1e-9)
-    assert np.all(np.max(np.abs(far - near), axis=0)[:2] > 0.003)
+    drawn = np.setdiff1d(np.arange(4), others)
+    assert_allclose(far[:, others], near[:, others], atol=1e-9)
+    assert np.all(np.max(np.abs(far - near), axis=0)[drawn] > 0.003)
 
 
 def force_and_angle(wiping_demonstration):

@@ -1,11 +1,13 @@
 """Facts about the skill as a system that chooses the sample that wipes most."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.systems.analysis import Simulator
 
-from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, Player
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 from fmp_drake.systems.ink.grid import CoverageChoice, InkGrid
 
@@ -244,3 +246,39 @@ def test_remapping_leaves_the_input_context_unchanged(system):
 def test_forgotten_ink_is_an_error_that_names_port_and_system(system):
     with pytest.raises(RuntimeError, match=r"ink.*fourier_primitive.*not connected"):
         simulator_of(system)
+
+
+def test_choice_does_not_lift_the_tool_farther_than_demonstrated():
+    time = np.arange(1200) * TICK
+    rng = np.random.default_rng(0)
+    width, height = rng.normal([0.1, 0.03], [0.01, 0.005], (20, 2))[
+        np.arange(1200) // 60
+    ].T
+    phase = 2 * np.pi * time / 3
+    loops = [
+        width * np.cos(phase),
+        width * np.sin(phase),
+        height * np.sin(phase / 2) ** 2,
+    ]
+    skill = FourierMovementPrimitive(model="phase").fit(
+        Demonstration(time=time, values=np.column_stack(loops))
+    )
+    player = Player(skill, sample=True, margin=0.1)
+    state = player.start(skill.extent_.mean(axis=0))
+    ink = GRID.full()
+    past = skill.synthesize(state.weights)[: skill.overlap]
+    expected = skill.synthesize(skill.expected(state.component, past))
+    chosen, drawn = (
+        np.array(
+            [
+                skill.synthesize(tracked(replace(state, seed=seed)).target) - expected
+                for seed in range(30)
+            ]
+        ).std(axis=(0, 1))
+        for tracked in (
+            lambda state: CHOICE.tracked(player, state, ink),
+            player.track_sample,
+        )
+    )
+    assert np.all(chosen[:2] > 1.5 * drawn[:2])
+    assert chosen[2] < 1.3 * drawn[2]

@@ -1,5 +1,6 @@
 """Region around the demonstrated paths."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -136,21 +137,27 @@ class DemonstratedRegion:
         return fractions
 
     def largest_channel_fractions(
-        self, steady: Array, deviations: Array, *, others: float = 1.0
+        self,
+        steady: Array,
+        deviations: Array,
+        *,
+        others: float = 1.0,
+        channels: Sequence[int] | None = None,
     ) -> Array:
         """Return the largest parts of the deviations of each channel, shape (S, D).
 
-        They are the `largest_fractions`; of channels without metres at most `others`, and
-        what keeps them in their range.
+        They are the `largest_fractions`; of all but some channels, which are those in m
+        where None, at most `others`; and of channels without metres what keeps them in
+        their range.
         """
-        fractions = self.largest_fractions(steady, deviations)[:, None]
-        parts = np.repeat(fractions, deviations.shape[2], axis=1)
+        most = np.full(deviations.shape[2], others)
+        most[self._channels if channels is None else list(channels)] = 1.0
+        parts = np.minimum(self.largest_fractions(steady, deviations)[:, None], most)
         among = (..., self._other_channels)
         change, before = deviations[among], steady[among]
         room = self._most - (before - self._middle) * np.sign(change)
         room = np.maximum(room, 0.0) / np.maximum(np.abs(change), _LEAST_DEVIATION)
-        bound = np.minimum(fractions, others)
-        parts[:, self._other_channels] = np.minimum(bound, room.min(axis=1))
+        parts[among] = np.minimum(parts[among], room.min(axis=1))
         return parts
 
 

@@ -1,7 +1,7 @@
 """Playback of a skill for any duration: Algorithm 2 and section V-D of the paper."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -363,7 +363,12 @@ class Player:
 
     @one_blas_thread()
     def track_sample(
-        self, state: PlaybackState, *, count: int = 1, score: Score | None = None
+        self,
+        state: PlaybackState,
+        *,
+        count: int = 1,
+        score: Score | None = None,
+        scored: Sequence[int] | None = None,
     ) -> PlaybackState:
         """Track a sample of a state's component; the motion does not jump.
 
@@ -374,7 +379,7 @@ class Player:
         movement out. With a score, samples are also moved away from the mean, as far as
         the region allows, because the best samples often lie at its boundary. They are
         moved by up to 1.5 times their difference from the mean, or 3 times that from
-        the cycle of a phase model, whose orientation and force are not moved away.
+        the cycle of a phase model, of which only the `scored` channels are moved away.
 
         Parameters
         ----------
@@ -385,6 +390,8 @@ class Player:
         score : callable, optional
             Returns the scores (S,) of S samples from their values (S, N, D) at the ticks up
             to the next re-mapping. Samples with greater scores are tried first.
+        scored : sequence of int, optional
+            Channels on which the score depends: those in m where None.
 
         Examples
         --------
@@ -421,7 +428,9 @@ class Player:
         steady, values = steady[..., :ticks, :], values[:, :ticks]
         if region is not None:
             others = 1.0 if skill.phase_model_ is None else 1 / widening
-            parts = region.largest_channel_fractions(steady, values, others=others)
+            parts = region.largest_channel_fractions(
+                steady, values, others=others, channels=scored
+            )
             deviation *= np.repeat(parts, skill.n_steps, axis=1)
             values *= parts[:, None]
         values += steady

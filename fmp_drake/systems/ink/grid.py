@@ -456,7 +456,10 @@ class CoverageChoice:
         ink : ndarray, shape (ny, nx)
         """
         return player.track_sample(
-            state, count=self.candidates, score=lambda paths: self.wiped(ink, paths)
+            state,
+            count=self.candidates,
+            score=lambda paths: self.wiped(ink, paths),
+            scored=self.position[:2],
         )
 
 
