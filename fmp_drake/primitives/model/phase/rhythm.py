@@ -1,6 +1,6 @@
 """Rhythm of recordings: bouts, omitted parts, changes, and their description."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -113,10 +113,21 @@ class Rhythm:
         return self.cycles < ONE_CYCLE
 
     @property
+    def parts(self) -> tuple[Part, ...]:
+        """All parts: the bouts, then the omitted parts."""
+        return (*self.bouts, *self.left_out)
+
+    @property
     def fraction_left_out(self) -> float:
         """Fraction of the recorded time that is left out."""
         omitted = sum(part.duration for part in self.left_out)
         return omitted / (omitted + sum(part.duration for part in self.bouts))
+
+    def with_parts(self, parts: Iterable[Part]) -> "Rhythm":
+        """Return the rhythm with other bouts and omitted parts, in the order of time."""
+        ordered = sorted(parts, key=lambda part: (part.recording, part.start))
+        bouts, left_out = _split_kinds(ordered)
+        return replace(self, bouts=bouts, left_out=left_out)
 
     def located(self, origins: Sequence[tuple[int, float]], start: float) -> "Rhythm":
         """Return the rhythm of the demonstrations that the recordings are parts of.
@@ -142,17 +153,13 @@ class Rhythm:
                 cycle_ends=tuple(end + seconds for end in part.cycle_ends),
             )
 
-        return replace(
-            self,
-            bouts=tuple(map(shift, self.bouts)),
-            left_out=tuple(map(shift, self.left_out)),
-        )
+        return self.with_parts(map(shift, self.parts))
 
     def describe(self) -> list[str]:
         """Return lines about cycles and omitted parts, and remarks."""
         bouts = f" in {len(self.bouts)} bouts" if len(self.bouts) > 1 else ""
         lines = [f"{cycle_count(self.cycles)} of {self.period:.2f} s{bouts}"]
-        recordings = {part.recording for part in (*self.bouts, *self.left_out)}
+        recordings = {part.recording for part in self.parts}
         parts = [
             f"{part.kind}, {part.start:.1f} to {part.end:.1f} s"
             + f" of recording {part.recording + 1}" * (len(recordings) > 1)
@@ -246,7 +253,7 @@ def rhythm_of_labels(
         for a, b in pairwise(edges):
             kind = _kind(y, label, a, b, size)
             parts.append(Part(recording=i, start=a / rate, end=b / rate, kind=kind))
-    bouts, left_out = split_kinds(parts)
+    bouts, left_out = _split_kinds(parts)
     if len(bouts) == len(track.phases):
         bouts = tuple(
             replace(bout, cycle_ends=_cycle_ends(phase, start, rate))
@@ -273,7 +280,7 @@ def _cycle_ends(phase: Array, start: int, rate: float) -> tuple[float, ...]:
     return tuple(((start + steps) / rate).tolist())
 
 
-def split_kinds(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+def _split_kinds(parts: Sequence[Part]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
     """Split parts into bouts and omitted parts."""
     bouts = tuple(part for part in parts if part.kind == "bout")
     return bouts, tuple(part for part in parts if part.kind != "bout")

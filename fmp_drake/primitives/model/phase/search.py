@@ -45,7 +45,6 @@ from fmp_drake.primitives.model.phase.rhythm import (
     Rhythm,
     cycle_count,
     rhythm_of_labels,
-    split_kinds,
 )
 from fmp_drake.primitives.model.phase.segmentation import (
     BACKWARDS,
@@ -115,6 +114,10 @@ class TrackedRhythm(NamedTuple):
     recordings: Sequence[Array]
     misfit: float
 
+    def with_parts(self, parts: Iterable[Part]) -> "TrackedRhythm":
+        """Return the same with other parts of the rhythm."""
+        return self._replace(rhythm=self.rhythm.with_parts(parts))
+
     def describe(self) -> str:
         """Return the reason for learning it."""
         if self.rhythm.is_one_cycle:
@@ -127,10 +130,6 @@ class TrackedRhythm(NamedTuple):
 
 class _NoSteadyCycleError(DemonstrationError):
     """No part of the recordings recurs in another cycle, or only beside it."""
-
-
-_Found = tuple[TrackedRhythm, list[Part]]
-"""A rhythm, and its parts in the recordings as they were given."""
 
 
 def find_rhythm(
@@ -224,33 +223,31 @@ def search_rhythm(
     ordered = [recordings[i] for i in order]
     if units is None:
         units = dict.fromkeys(default_channels(ordered[0].shape[1]), "m")
-    best: tuple[float, list[int], TrackedRhythm, list[Part]] | None = None
+    best: tuple[list[int], TrackedRhythm] | None = None
     refusal: DemonstrationError | None = None
     for columns in _column_choices(ordered, tuple(units.values())):
         try:
-            tracked, parts = _search_or_join(ordered, columns, rate, period)
+            tracked = _search_or_join(ordered, columns, rate, period)
         except DemonstrationError as error:
             refusal = refusal or error
             continue
-        if best is None or tracked.misfit < _FEWER_CHANNELS * best[0]:
-            best = tracked.misfit, columns, tracked, parts
+        if best is None or tracked.misfit < _FEWER_CHANNELS * best[1].misfit:
+            best = columns, tracked
         if not tracked.misfit:
             break
     if best is None:
         raise refusal or DemonstrationError("there is no channel.")
-    _, columns, tracked, parts = best
-    parts = [replace(part, recording=order[part.recording]) for part in parts]
-    bouts, left_out = split_kinds(sorted(parts, key=lambda p: (p.recording, p.start)))
+    columns, tracked = best
     remaining = tracked.track.unexplained_fractions()
     irregular = tuple(
         name
         for i, name in enumerate(units)
         if i not in columns and remaining[i] > _IRREGULAR
     )
-    rhythm = replace(
-        tracked.rhythm, bouts=bouts, left_out=left_out, irregular=irregular
+    tracked = tracked.with_parts(
+        replace(part, recording=order[part.recording]) for part in tracked.rhythm.parts
     )
-    return tracked._replace(rhythm=rhythm)
+    return tracked._replace(rhythm=replace(tracked.rhythm, irregular=irregular))
 
 
 def _column_choices(
@@ -268,7 +265,7 @@ def _column_choices(
 
 def _search_or_join(
     recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> _Found:
+) -> TrackedRhythm:
     """Find the rhythm of separate or joined recordings, or of one closed cycle.
 
     Few cycles are searched without pauses, too.
@@ -287,43 +284,43 @@ def _search_or_join(
     strokes = tracked._replace(track=tracked.track.of_channels(columns))
     if _may_be_strokes(strokes, recordings[0][:, columns], rate):
         found = _one_cycle(recordings, columns, rate, period)
-        if found and _is_lap_of(strokes.track, found[0].track):
+        if found and _is_lap_of(strokes.track, found.track):
             return found
     if tracked.misfit:
         found = _search_without_pauses(recordings, columns, rate, period)
-        if found and _is_better(found[0], tracked):
+        if found and _is_better(found, tracked):
             return found
-    return tracked, _parts(tracked)
+    return tracked
 
 
 def _search_without_pauses(
     recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> _Found | None:
+) -> TrackedRhythm | None:
     """Find the rhythm of recordings without pauses, and without lifts where that is better."""
-    found: _Found | None = None
+    found: TrackedRhythm | None = None
     for continued in without_pauses(recordings, columns):
         with contextlib.suppress(DemonstrationError):
             tracked = _search(continued.values, columns, rate, period)
             misfit = max(tracked.misfit, _EXACT)
-            if found is None or _WITHOUT_LIFTS * misfit < found[0].misfit:
-                found = tracked, continued.parts(_parts(tracked), rate)
+            if found is None or _WITHOUT_LIFTS * misfit < found.misfit:
+                found = tracked.with_parts(continued.parts(tracked.rhythm.parts, rate))
     return found
 
 
 def _search_joined(
     recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> _Found | None:
+) -> TrackedRhythm | None:
     """Find the rhythm of recordings of one cycle each."""
     if loops := join_loops(recordings, columns):
         with contextlib.suppress(DemonstrationError):
             tracked = _search([loops.values], columns, rate, period)
-            return tracked, loops.parts(_parts(tracked), rate)
+            return tracked.with_parts(loops.parts(tracked.rhythm.parts, rate))
     return None
 
 
 def _one_cycle(
     recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> _Found | None:
+) -> TrackedRhythm | None:
     """Return the rhythm of a recording that is one closed cycle."""
     closed = closed_cycle(recordings[0], columns) if len(recordings) == 1 else None
     if closed is None:
@@ -338,8 +335,7 @@ def _one_cycle(
     label = np.full(len(recordings[0]), OUTSIDE)
     label[first:after] = FORWARDS
     rhythm = rhythm_of_labels(recordings, [label], track, [first], rate)
-    tracked = TrackedRhythm(rhythm, track, recordings, np.inf)
-    return tracked, _parts(tracked)
+    return TrackedRhythm(rhythm, track, recordings, np.inf)
 
 
 def _may_be_strokes(tracked: TrackedRhythm, path: Array, rate: float) -> bool:
@@ -420,10 +416,6 @@ def _is_better(without: TrackedRhythm, with_pauses: TrackedRhythm) -> bool:
     if abs(one.period / other.period - 1) < _SIMILAR:
         return one.cycles > other.cycles + _MORE_CYCLES
     return without.misfit < _WITHOUT_PAUSES * max(with_pauses.misfit, _EXACT)
-
-
-def _parts(tracked: TrackedRhythm) -> list[Part]:
-    return [*tracked.rhythm.bouts, *tracked.rhythm.left_out]
 
 
 def _search(
