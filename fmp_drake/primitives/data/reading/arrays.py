@@ -100,19 +100,10 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
 
 def read_npy(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the columns of one array (N,), (N, D) or with named fields."""
-    try:
+    hint = "; it must not hold Python objects, which may run code; save an array of numbers"
+    with readable(path, "a .npy file", hint=hint):
         # Mapped: a truncated file is refused before memory is allocated.
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except Exception as reason:  # noqa: BLE001 - broken bytes raise anything.
-        is_pickled = "allow_pickle" in str(reason) or "Python objects" in str(reason)
-        message = (
-            "it holds Python objects, which may run code; save an array of numbers"
-            if is_pickled
-            else str(reason)
-        )
-        raise SkillFileError(
-            f"{path} is not a readable .npy file ({message})."
-        ) from None
     check_size(path, array.nbytes)
     names = array.dtype.names
     arrays = {name: array[name] for name in names} if names else {"": array}
@@ -359,7 +350,8 @@ def read_json(path: Path, options: ReadingOptions) -> list[Table]:
     SkillFileError
         Where the file is not JSON of this form; a broken line is named.
     """
-    try:
+    hint = f"; write an object of numbers in each line, such as {_JSON_LINE}"
+    with readable(path, "a JSON file", hint=hint):
         content = _json_content(path, read_lines(path))
         recordings = _recordings(
             content if isinstance(content, dict) else {"": content}
@@ -368,13 +360,6 @@ def read_json(path: Path, options: ReadingOptions) -> list[Table]:
             table_of(path, _json_columns(path, each), topic=options.topic)
             for each in recordings
         ]
-    except (ValueError, RecursionError) as reason:
-        if isinstance(reason, SkillFileError):
-            raise
-        raise SkillFileError(
-            f"{path} is not readable JSON ({reason}); write an object of numbers in each "
-            f"line, such as {_JSON_LINE}."
-        ) from None
 
 
 def _json_content(path: Path, lines: list[str]) -> Any:

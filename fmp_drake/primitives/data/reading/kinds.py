@@ -4,7 +4,6 @@ import gzip
 import shlex
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from fmp_drake.primitives.data.reading.table import (
     ReadingOptions,
     Table,
     check_size,
+    readable,
 )
 
 # A reader returns one table for each recording in a file.
@@ -103,10 +103,8 @@ def _reader_of_archive(path: Path) -> _Reader:
 
 def _read_packed(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the tables in a gzip file, or in a zip archive of one file."""
-    try:
+    with readable(path, "an archive"):
         name, content = _unpacked(path)
-    except (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as reason:
-        raise SkillFileError(f"{path} cannot be unpacked ({reason}).") from None
     check_size(path, len(content))
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / name
