@@ -385,20 +385,15 @@ def _listed(content: dict[str, Any]) -> Any:
     return list(content.values()) if is_list else content
 
 
-def _json_columns(path: Path, content: Any) -> dict[str, NDArray[Any]]:
-    """Return the arrays of one recording in JSON."""
-    if isinstance(content, dict) and list(content) == [""]:
-        content = content[""]
-    if _is_objects(content):
-        return _object_columns(content)
-    if isinstance(content, list) and all(isinstance(row, list) for row in content):
-        return {"": np.asarray(content)}
-    if not isinstance(content, dict):
+def _json_columns(path: Path, content: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of one recording in JSON; a list has the name ""."""
+    values = dict(_flat(content))
+    rows = values[""] if list(values) == [""] else []
+    if not isinstance(rows, list) or not all(isinstance(r, list | dict) for r in rows):
         raise SkillFileError(
             f"{path} holds neither objects nor lists of numbers; write an object in each "
             f"line, such as {_JSON_LINE}."
         )
-    values = dict(_flat(content))
     has_one = sum(map(_is_objects, values.values())) == 1
     columns: dict[str, NDArray[Any]] = {}
     for name, value in values.items():
