@@ -58,7 +58,7 @@ def test_no_window_crosses_a_gap():
     gap = Demonstration(time=time, values=whole.values)
     windows = as_windows([gap, whole], n_steps=24, stride=4, rate=20.0)
     assert np.all(np.diff(windows.values[..., 0], axis=1) == 1)
-    assert np.sum(windows.source == 0) == 5 + 9
+    assert np.sum(windows.sources[windows.part] == 0) == 5 + 9
     assert [len(path) for path in windows.paths(4)] == [40, 56, 100]
     assert [len(y) for y in windows.recordings()] == [41, 59, 100]
     used, weights = weighted_windows(windows, [0.0, 1.0])

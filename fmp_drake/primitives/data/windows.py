@@ -39,9 +39,6 @@ class Windows:
     Attributes
     ----------
     values : ndarray, shape (N, T, D)
-    source : ndarray, shape (N,)
-        Index of the demonstration of each window, or of the window itself where they were
-        given as an array.
     example : Demonstration or None
         First demonstration, with the channels, units and frame of all; None where the
         windows were given as an array.
@@ -59,7 +56,6 @@ class Windows:
     """
 
     values: Array
-    source: Indices
     example: Demonstration | None
     part: Indices | None = None
     resampled: list[Array] | None = None
@@ -308,7 +304,6 @@ def as_windows(
             )
         return Windows(
             values=cut[0] if len(cut) == 1 else np.concatenate(cut),
-            source=np.repeat(sources, counts),
             example=X[0],
             part=np.repeat(np.arange(len(cut)), counts),
             resampled=resampled,
@@ -321,7 +316,7 @@ def as_windows(
         raise DemonstrationError(
             f"there are {len(values)} windows; at least {at_least} are needed."
         )
-    return Windows(values=values, source=np.arange(len(values)), example=None)
+    return Windows(values=values, example=None)
 
 
 def weighted_windows(
@@ -337,12 +332,12 @@ def weighted_windows(
     """
     if weights is None:
         return windows, None
-    sources = windows.sources
+    sources, part = windows.sources, windows.part
     count = len(windows.values) if sources is None else int(sources[-1]) + 1
     weights = finite_array(weights, "the weights", (count,), error=DemonstrationError)
     if np.any(weights < 0):
         raise DemonstrationError(f"the weights are {weights}; none may be negative.")
-    per_window = weights[windows.source]
+    per_window = weights if sources is None else weights[sources[part]]
     is_used = per_window > 0
     if sources is not None:
         excluded = frozenset(np.flatnonzero(weights[sources] == 0).tolist())
@@ -356,8 +351,7 @@ def weighted_windows(
         windows = replace(
             windows,
             values=windows.values[is_used],
-            source=windows.source[is_used],
-            part=None if windows.part is None else windows.part[is_used],
+            part=None if part is None else part[is_used],
         )
     positive = per_window[is_used] if len(is_used) else weights[weights > 0]
     return windows, positive / positive.mean()
