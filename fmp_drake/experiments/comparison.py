@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
+from scipy.stats import entropy
 
 from fmp_drake.numeric import Array
 from fmp_drake.plots import draw_demonstrations_in_plane
@@ -87,9 +88,7 @@ def kl_divergence(p: ArrayLike, q: ArrayLike, *, floor: float) -> float:
         Positive number that is added to every cell before both are normalised, because an
         empty cell would make the divergence infinite.
     """
-    a, b = np.asarray(p) + floor, np.asarray(q) + floor
-    a, b = a / np.sum(a), b / np.sum(b)
-    return float(np.sum(a * np.log(a / b)))
+    return float(entropy(np.asarray(p) + floor, np.asarray(q) + floor, axis=None))
 
 
 def grid_extent(demonstrated: Array) -> Array:

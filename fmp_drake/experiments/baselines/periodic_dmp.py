@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.signal import StateSpace, lsim, savgol_filter
+from scipy.special import softmax
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.baselines.alignment import align_periods, movement_period
@@ -170,8 +171,7 @@ class PeriodicDMP(Method):
         centres = 2 * np.pi * np.arange(_BASES) / _BASES
         # Neighbours cross at about 0.7.
         sharpness = 2.5 * (_BASES / (2 * np.pi)) ** 2
-        psi = np.exp(sharpness * (np.cos(phases[:, None] - centres) - 1))
-        return psi / psi.sum(axis=1, keepdims=True)
+        return softmax(sharpness * np.cos(phases[:, None] - centres), axis=1)
 
     def _integrate(self, y: Array, z: Array, phases: Array) -> Array:
         """Return the movement at evenly spaced phases (P,), shape (P, D)."""
