@@ -99,13 +99,11 @@ class Attempt(NamedTuple):
                 # Without other parts, the phase begins where one of the cycles does.
                 harmonics = harmonics_of(period, _HARMONICS)
                 cycle = Cycle.fit(phases, bouts, harmonics=harmonics)
-        if max(map(len, bouts), default=0) < period + 1:
-            if not is_known:
-                return None
+        if is_known and max(map(len, bouts), default=0) < period + 1:
             labels = [np.where(mask, FORWARDS, OUTSIDE) for mask in aligned]
             bouts, cycle = segments(recordings, aligned), None
-            if max(map(len, bouts), default=0) < period + 1:
-                return None
+        if max(map(len, bouts), default=0) < period + 1:
+            return None
         track = track_phase(bouts, period=period, cycle=cycle)
         return cls(labels, track, period)
 

@@ -32,7 +32,7 @@ class Loops:
 
     Attributes
     ----------
-    values : ndarray, shape (n, D)
+    values : list of one ndarray, shape (n, D)
         The recordings without the pauses at their ends, one after another; a straight line
         joins the end of one to the beginning of the next.
     order : tuple of int
@@ -46,7 +46,7 @@ class Loops:
         Samples of each recording.
     """
 
-    values: Array
+    values: list[Array]
     order: tuple[int, ...]
     intervals: tuple[tuple[int, int], ...]
     starts: tuple[int, ...]
@@ -78,21 +78,21 @@ class Loops:
         return out
 
 
-def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
-    """Join recordings (n, D) of one cycle each; None where they are not.
+def join_loops(recordings: Sequence[Array], columns: list[int]) -> list[Loops]:
+    """Join recordings (n, D) of one cycle each; return none where they are not.
 
     In an order of small gaps, each must begin about where the previous one ends.
     Distances are measured in `columns`.
     """
     if len(recordings) < 2:
-        return None
+        return []
     chosen = [y[:, columns] for y in recordings]
     size, step = _size_and_step(chosen)
     intervals = [
         (_end_of_rest(y, step), len(y) - _end_of_rest(y[::-1], step)) for y in chosen
     ]
     if any(after - first < 2 for first, after in intervals):
-        return None
+        return []
     loops = [y[a:b] for y, (a, b) in zip(recordings, intervals, strict=True)]
     order = _order_of_small_gaps([y[:, columns] for y in loops])
     loops = [loops[i] for i in order]
@@ -101,7 +101,7 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
         gap = loop[0] - before[-1]
         distance = float(np.linalg.norm(gap[columns]))
         if distance > _largest_gap(size, step):
-            return None
+            return []
         count = round(distance / step)
         if not count:
             # Both are one sample.
@@ -110,13 +110,14 @@ def join_loops(recordings: Sequence[Array], columns: list[int]) -> Loops | None:
         pieces.append(before[-1] + gap * between[:, None])
         starts.append(starts[-1] + len(before) + count - 1)
         pieces.append(loop)
-    return Loops(
-        values=np.concatenate(pieces),
+    joined = Loops(
+        values=[np.concatenate(pieces)],
         order=tuple(order),
         intervals=tuple(intervals[i] for i in order),
         starts=tuple(starts),
         lengths=tuple(len(recordings[i]) for i in order),
     )
+    return [joined]
 
 
 def closed_cycle(recording: Array, columns: list[int]) -> tuple[Array, int, int] | None:

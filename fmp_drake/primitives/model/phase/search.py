@@ -29,11 +29,12 @@ from fmp_drake.primitives.model.phase.attempt import (
 )
 from fmp_drake.primitives.model.phase.cycle import Cycle
 from fmp_drake.primitives.model.phase.loops import (
+    Loops,
     closed_cycle,
     is_direct,
     join_loops,
 )
-from fmp_drake.primitives.model.phase.pauses import without_pauses
+from fmp_drake.primitives.model.phase.pauses import WithoutPauses, without_pauses
 from fmp_drake.primitives.model.phase.period import (
     local_periods,
     noise_fractions,
@@ -227,7 +228,7 @@ def search_rhythm(
     refusal: DemonstrationError | None = None
     for columns in _column_choices(ordered, tuple(units.values())):
         try:
-            tracked = _search_or_join(ordered, columns, rate, period)
+            tracked = _Search(ordered, columns, rate, period).best()
         except DemonstrationError as error:
             refusal = refusal or error
             continue
@@ -263,79 +264,102 @@ def _column_choices(
     yield from (g for g in groups if 1 < len(g) < len(steady))
 
 
-def _search_or_join(
-    recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> TrackedRhythm:
-    """Find the rhythm of separate or joined recordings, or of one closed cycle.
+class _Search(NamedTuple):
+    """Search for a rhythm in some columns of recordings (n, D), the longest first."""
 
-    Few cycles are searched without pauses, too.
-    """
-    try:
-        tracked = _search(recordings, columns, rate, period)
-    except DemonstrationError as error:
-        found = _search_without_pauses(recordings, columns, rate, period)
-        found = found or _search_joined(recordings, columns, rate, period)
-        if found is None and isinstance(error, _NoSteadyCycleError):
-            found = _one_cycle(recordings, columns, rate, period)
-        if found is None:
-            raise
+    recordings: Sequence[Array]
+    columns: list[int]
+    rate: float
+    period: float | None
+
+    def best(self) -> TrackedRhythm:
+        """Find the rhythm of separate or joined recordings, or of one closed cycle.
+
+        Few cycles are searched without pauses, too.
+        """
+        recordings, columns = self.recordings, self.columns
+        try:
+            tracked = self.separate()
+        except DemonstrationError as error:
+            found = self.edited(without_pauses(recordings, columns))
+            found = found or self.edited(join_loops(recordings, columns))
+            if found is None and isinstance(error, _NoSteadyCycleError):
+                found = self.one_cycle()
+            if found is None:
+                raise
+            return found
+        # The channels that do not repeat may wander.
+        strokes = tracked._replace(track=tracked.track.of_channels(columns))
+        if _may_be_strokes(strokes, recordings[0][:, columns], self.rate):
+            found = self.one_cycle()
+            if found and _is_lap_of(strokes.track, found.track):
+                return found
+        if tracked.misfit:
+            found = self.edited(without_pauses(recordings, columns))
+            if found and _is_better(found, tracked):
+                return found
+        return tracked
+
+    def edited(self, edits: Iterable[WithoutPauses | Loops]) -> TrackedRhythm | None:
+        """Find the rhythm of recordings without pauses, or joined ones.
+
+        An edit without lifts, the first of two, is preferred, unless the other one is much
+        better.
+        """
+        found: TrackedRhythm | None = None
+        for edit in edits:
+            with contextlib.suppress(DemonstrationError):
+                tracked = self._replace(recordings=edit.values).separate()
+                misfit = max(tracked.misfit, _EXACT)
+                if found is None or _WITHOUT_LIFTS * misfit < found.misfit:
+                    parts = edit.parts(tracked.rhythm.parts, self.rate)
+                    found = tracked.with_parts(parts)
         return found
-    # The channels that do not repeat may wander.
-    strokes = tracked._replace(track=tracked.track.of_channels(columns))
-    if _may_be_strokes(strokes, recordings[0][:, columns], rate):
-        found = _one_cycle(recordings, columns, rate, period)
-        if found and _is_lap_of(strokes.track, found.track):
-            return found
-    if tracked.misfit:
-        found = _search_without_pauses(recordings, columns, rate, period)
-        if found and _is_better(found, tracked):
-            return found
-    return tracked
 
+    def one_cycle(self) -> TrackedRhythm | None:
+        """Return the rhythm of a recording that is one closed cycle."""
+        if len(self.recordings) > 1:
+            return None
+        closed = closed_cycle(self.recordings[0], self.columns)
+        if closed is None:
+            return None
+        values, first, after = closed
+        if self.period and abs(len(values) / (self.period * self.rate) - 1) > _NEAR:
+            return None
+        phase = np.linspace(0.0, 2 * np.pi, len(values))
+        track = _track_of_cycle(phase, values, max(_HARMONICS, len(values) // _LONG))
+        if track.unexplained > CLEAR_MISFIT:  # It has short strokes.
+            track = _track_of_cycle(phase, values, len(values) // _SAMPLES)
+        label = np.full(len(self.recordings[0]), OUTSIDE)
+        label[first:after] = FORWARDS
+        rhythm = rhythm_of_labels(self.recordings, [label], track, [first], self.rate)
+        return TrackedRhythm(rhythm, track, self.recordings, np.inf)
 
-def _search_without_pauses(
-    recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> TrackedRhythm | None:
-    """Find the rhythm of recordings without pauses, and without lifts where that is better."""
-    found: TrackedRhythm | None = None
-    for continued in without_pauses(recordings, columns):
-        with contextlib.suppress(DemonstrationError):
-            tracked = _search(continued.values, columns, rate, period)
-            misfit = max(tracked.misfit, _EXACT)
-            if found is None or _WITHOUT_LIFTS * misfit < found.misfit:
-                found = tracked.with_parts(continued.parts(tracked.rhythm.parts, rate))
-    return found
-
-
-def _search_joined(
-    recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> TrackedRhythm | None:
-    """Find the rhythm of recordings of one cycle each."""
-    if loops := join_loops(recordings, columns):
-        with contextlib.suppress(DemonstrationError):
-            tracked = _search([loops.values], columns, rate, period)
-            return tracked.with_parts(loops.parts(tracked.rhythm.parts, rate))
-    return None
-
-
-def _one_cycle(
-    recordings: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> TrackedRhythm | None:
-    """Return the rhythm of a recording that is one closed cycle."""
-    closed = closed_cycle(recordings[0], columns) if len(recordings) == 1 else None
-    if closed is None:
-        return None
-    values, first, after = closed
-    if period is not None and abs(len(values) / (period * rate) - 1) > _NEAR:
-        return None
-    phase = np.linspace(0.0, 2 * np.pi, len(values))
-    track = _track_of_cycle(phase, values, max(_HARMONICS, len(values) // _LONG))
-    if track.unexplained > CLEAR_MISFIT:  # It has short strokes.
-        track = _track_of_cycle(phase, values, len(values) // _SAMPLES)
-    label = np.full(len(recordings[0]), OUTSIDE)
-    label[first:after] = FORWARDS
-    rhythm = rhythm_of_labels(recordings, [label], track, [first], rate)
-    return TrackedRhythm(rhythm, track, recordings, np.inf)
+    def separate(self) -> TrackedRhythm:
+        """Find the rhythm of the recordings as they are; see `search_rhythm`."""
+        recordings = [np.ascontiguousarray(y[:, self.columns]) for y in self.recordings]
+        is_known = self.period is not None
+        candidates = _candidates(recordings, self.rate, self.period)
+        best, limits = _best_attempt(recordings, candidates, is_known=is_known)
+        labels, other = _with_other_movement(recordings, best, self.rate)
+        if not is_known and other and other.samples > best.samples:
+            # The longer movement is the one that is learned.
+            longer = Attempt.of(recordings, other.track.period)
+            if (
+                longer
+                and longer.samples > best.samples
+                and not longer.objection(limits)
+            ):
+                best = longer
+                labels, _ = _with_other_movement(recordings, best, self.rate)
+        best = best.with_similar_cycles(recordings, labels)
+        starts = [a for mask in best.bouts for a, _ in runs(mask)]
+        rhythm = rhythm_of_labels(recordings, labels, best.track, starts, self.rate)
+        track = best.track
+        if len(self.columns) < self.recordings[0].shape[1]:
+            track = track.with_channels(segments(self.recordings, best.bouts))
+        misfit = 0.0 if limits is STRICT else best.misfit / best.track.cycles
+        return TrackedRhythm(rhythm, track, self.recordings, misfit)
 
 
 def _may_be_strokes(tracked: TrackedRhythm, path: Array, rate: float) -> bool:
@@ -416,31 +440,6 @@ def _is_better(without: TrackedRhythm, with_pauses: TrackedRhythm) -> bool:
     if abs(one.period / other.period - 1) < _SIMILAR:
         return one.cycles > other.cycles + _MORE_CYCLES
     return without.misfit < _WITHOUT_PAUSES * max(with_pauses.misfit, _EXACT)
-
-
-def _search(
-    all_channels: Sequence[Array], columns: list[int], rate: float, period: float | None
-) -> TrackedRhythm:
-    """Find the rhythm of some columns of recordings; see `search_rhythm`."""
-    recordings = [np.ascontiguousarray(y[:, columns]) for y in all_channels]
-    best, limits = _best_attempt(
-        recordings, _candidates(recordings, rate, period), is_known=period is not None
-    )
-    labels, other = _with_other_movement(recordings, best, rate)
-    if period is None and other and other.samples > best.samples:
-        # The longer movement is the one that is learned.
-        longer = Attempt.of(recordings, other.track.period)
-        if longer and longer.samples > best.samples and not longer.objection(limits):
-            best = longer
-            labels, _ = _with_other_movement(recordings, best, rate)
-    best = best.with_similar_cycles(recordings, labels)
-    starts = [a for mask in best.bouts for a, _ in runs(mask)]
-    rhythm = rhythm_of_labels(recordings, labels, best.track, starts, rate)
-    track = best.track
-    if len(columns) < all_channels[0].shape[1]:
-        track = track.with_channels(segments(all_channels, best.bouts))
-    misfit = 0.0 if limits is STRICT else best.misfit / best.track.cycles
-    return TrackedRhythm(rhythm, track, all_channels, misfit)
 
 
 def _best_attempt(
