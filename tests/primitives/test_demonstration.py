@@ -321,6 +321,14 @@ def test_missing_file_is_named(tmp_path, suffix):
         Demonstration.load(path)
 
 
+@pytest.mark.parametrize("count", [0, 1])
+def test_npz_with_too_few_samples_is_refused(tmp_path, count):
+    path = tmp_path / "d.npz"
+    np.savez(path, time=np.zeros(count), position=np.zeros((count, 3)))
+    with pytest.raises(DemonstrationError, match=f"has {count} samples of 3 channels"):
+        Demonstration.load(path)
+
+
 def test_truncated_npz_is_refused(tmp_path):
     path = tmp_path / "d.npz"
     example().save(path)

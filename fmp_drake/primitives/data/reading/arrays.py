@@ -6,6 +6,7 @@ import json
 import math
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -82,20 +83,13 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
         return [Table(saved=fields)]
     if options.columns or (options.all_arrays and len(arrays) > 2):
         return [table_of(path, arrays, topic=options.topic)]
-    if time.shape != values.shape[:1] or values.ndim > 2:
+    if time.shape != values.shape[:1] or values.ndim > 2 or len(time) < 2:
         return [Table(saved=fields)]  # The demonstration names the error.
-    values = values.reshape(len(time), -1)
+    table = table_of(path, {"time": time, "": values}, count=len(time))
+    units = ("s",) if np.all(np.diff(time) == 1) else ()
     omissions = sorted(set(arrays) - {"time", name})
-    counts = len(time) > 1 and np.all(np.diff(time) == 1)
-    return [
-        Table(
-            names=("time", *[""] * values.shape[1]),
-            units=("s",) if counts else (),
-            values=np.column_stack([time, values]),
-            remarks=(f"{', '.join(omissions)} left out",) if omissions else (),
-            origin=origin,
-        )
-    ]
+    remarks = (f"{', '.join(omissions)} left out",) if omissions else ()
+    return [replace(table, units=units, remarks=remarks, origin=origin)]
 
 
 def read_npy(path: Path, options: ReadingOptions) -> list[Table]:
