@@ -36,6 +36,7 @@ from fmp_drake.plots.style import (
     legend_above,
     set_title,
 )
+from fmp_drake.primitives.data.channels import listed
 from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.runs.metrics import RECOVERY
 
@@ -215,7 +216,7 @@ class TrialsReport:
         tolerance = " to ".join(f"{value:g}" for value in extremes)
         remark = (
             " The distance is measured on the actual board. From the assumed board, "
-            f"with rigid felt, it is too large in these trials: {_listed(high)}."
+            f"with rigid felt, it is too large in these trials: {listed(high, most=_ROWS)}."
         )
         return Finding(
             name="followed",
@@ -319,12 +320,6 @@ def _description(trial: Trial, duration: float) -> str:
         ]
     push = largest_push(trial, duration)
     return ", ".join([*parts, f"pushed with {push:.0f} N"] if push else parts)
-
-
-def _listed(numbers: Sequence[int]) -> str:
-    text = ", ".join(map(str, numbers[:_ROWS]))
-    others = count_text(len(numbers) - _ROWS, "other")
-    return f"{text} and {others}" if numbers[_ROWS:] else text
 
 
 def _percent(part: int, whole: int) -> str:

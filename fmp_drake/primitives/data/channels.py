@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,17 +24,15 @@ FORCE_COMPONENTS = ("force_x", "force_y", "force_z")
 
 # Change of a channel relative to its values, up to which it is a rounding error.
 _ROUNDING = 1e-9
-# Most names that a message lists.
-_MOST_NAMES = 12
 
 Quaternion = tuple[float, float, float, float]
 ChannelScales = Literal["units"] | ArrayLike
 
 
-def listed(names: Sequence[str]) -> str:
-    """Return names separated by commas; only the first ones of very many."""
-    more = f" and {len(names) - _MOST_NAMES} more" * (len(names) > _MOST_NAMES)
-    return f"{', '.join(names[:_MOST_NAMES])}{more}"
+def listed(names: Sequence[Any], *, most: int = 12) -> str:
+    """Return names or numbers separated by commas; only the first ones of very many."""
+    more = f" and {len(names) - most} more" * (len(names) > most)
+    return f"{', '.join(map(str, names[:most]))}{more}"
 
 
 def default_channels(count: int) -> tuple[str, ...]:

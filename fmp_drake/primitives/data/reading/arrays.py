@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillFileError
 from fmp_drake.numeric import Mask
+from fmp_drake.primitives.data.channels import listed
 from fmp_drake.primitives.data.files import FileFormat, read_npz
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
@@ -43,8 +44,6 @@ METADATA = ("channels", "units", "frame", "note", "rotation_reference")
 """Fields of a demonstration in the metadata of a saved file."""
 _RATES = ("fps", "rate", "sample_rate", "frequency", "control_freq", "dt")
 _JSON_LINE = '{"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}'
-# Most omitted arrays that a remark lists.
-_MOST_LISTED = 10
 # Fewest samples of one of several recordings in a file.
 _FEWEST = 20
 
@@ -259,18 +258,16 @@ def table_of(
             f"{name}_{axis}" if name and array.ndim == 2 else name for axis in axes
         ]
         parts.append(columns)
-    if (more := len(omissions) - _MOST_LISTED) > 0:
-        omissions = [*omissions[:_MOST_LISTED], f"{more} more"]
     if not parts or count == 0:
         raise SkillFileError(
-            f"{path} holds {', '.join(omissions) or 'nothing'}; expected arrays of numbers, "
+            f"{path} holds {listed(omissions) or 'nothing'}; expected arrays of numbers, "
             "(N,) or (N, D)."
         )
     if rate is not None:
         names.insert(0, "time")
         parts.insert(0, np.arange(count)[:, None] / rate)
     if omissions:
-        remarks.append(f"{', '.join(omissions)} left out")
+        remarks.append(f"{listed(omissions)} left out")
     return Table(
         names=tuple(names),
         values=np.column_stack(parts)[slice(None) if chosen is None else chosen],

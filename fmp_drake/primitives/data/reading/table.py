@@ -11,6 +11,7 @@ import numpy as np
 
 from fmp_drake.errors import FmpError, SkillFileError
 from fmp_drake.numeric import Array, check_number
+from fmp_drake.primitives.data.channels import listed
 
 # Greatest size of a recording, bytes of numbers or of text.
 MOST_BYTES = 2**28
@@ -310,8 +311,7 @@ def shown_columns(names: tuple[str, ...], numbers: tuple[int, ...]) -> str:
         name or f"(column {number})"
         for name, number in zip(names, numbers, strict=True)
     ]
-    more = f" and {len(labels) - 20} more" if len(labels) > 20 else ""
-    return f"the columns are {', '.join(labels[:20])}{more}"
+    return f"the columns are {listed(labels, most=20)}"
 
 
 class Column(NamedTuple):
