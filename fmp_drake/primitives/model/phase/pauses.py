@@ -161,9 +161,7 @@ def without_pauses(
     lifts = [[pause.lift(size) for pause in found] for found in pauses]
     has_lifts = any(rest.is_lift for found in lifts for rest in found)
     steps = [np.linalg.norm(np.diff(y, axis=0), axis=1) for y in paths]
-    least_steps = [
-        _STEP * float(np.median(step)) if len(step) else 0.0 for step in steps
-    ]
+    least_steps = [_STEP * float(np.median(step)) for step in steps]
     out = []
     for cuts in [lifts, pauses] if has_lifts else [pauses]:
         labels = [np.full(len(y), _KEPT) for y in recordings]
@@ -179,8 +177,6 @@ def without_pauses(
 
 def _rests(path: Array) -> list[tuple[int, int]]:
     """Return start and end of the intervals in which a path (n, D) rests."""
-    if len(path) < 2:
-        return []
     velocity = uniform_filter1d(np.gradient(path, axis=0), _SMOOTHED, axis=0)
     speed = np.linalg.norm(velocity, axis=1)
     is_slow = speed < _SPEED * np.sqrt(np.mean(speed**2))
