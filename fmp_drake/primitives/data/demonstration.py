@@ -286,13 +286,10 @@ class Demonstration:
         """
         path = Path(path)
         check_ending(path, has_rotation=self.rotation_reference is not None)
-        if path.suffix == ".csv":
-            self._save_csv(path)
+        if path.suffix == ".npz":
+            metadata = {name: getattr(self, name) for name in METADATA}
+            FORMAT.write(path, metadata, {"time": self.time, "values": self.values})
             return
-        metadata = {name: getattr(self, name) for name in METADATA}
-        FORMAT.write(path, metadata, {"time": self.time, "values": self.values})
-
-    def _save_csv(self, path: Path) -> None:
         names = zip(self.channels, self.units, strict=True)
         with (
             replaced(path, SkillFileError) as part,
