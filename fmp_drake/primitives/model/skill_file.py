@@ -30,8 +30,10 @@ FORMAT = FileFormat(
     source="written by `save_skill` or `fmp-drake learn`",
     compressed=False,
 )
-# Arrays of a phase model: name in the file, attribute and shape. The same letter is the same
-# length in all of them.
+# Arrays of a skill: name in the file and shape. The same letter is the same length in all
+# arrays of a file.
+_ARRAYS = (("extent", "2D"), ("scales", "D"), ("proportions", "M"), ("ranks", "M"))
+# Arrays of a phase model: name in the file, attribute and shape.
 _PHASE_ARRAYS = (
     ("phase_cycle", "cycle.coefficients", "hD"),
     ("phase_factors", "residual.factors", "GDD"),
@@ -63,6 +65,10 @@ _CALIBRATION = (
     ("calibration_degrees", "degrees_of_freedom", ""),
     ("calibration_background", "background_weight", ""),
 )
+# Length of each letter in the shapes of a file.
+type _Sizes = dict[str, int]
+type _Values = Mapping[str, Any]
+
 _LENGTHS = {"paths": "path_lengths", "memory": "memory_lengths"}
 
 
@@ -126,18 +132,13 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
 def _check_arrays(skill: FourierMovementPrimitive) -> None:
     """Raise SkillFileError where the arrays of a skill cannot come from a fit."""
     d, proportions = skill.n_channels_, skill.proportions_
-    phase = skill.phase_model_
+    phase, n_steps = skill.phase_model_, skill.n_steps
     if (
-        skill.extent_.shape != (2, d)
-        or skill.scales_.shape != (d,)
-        or not np.all(skill.scales_ > 1 / GREATEST)
-        or proportions.shape != (len(skill.components_),)
-        or any(c.dim != d * skill.n_steps for c in skill.components_)
+        not np.all(skill.scales_ > 1 / GREATEST)
+        or any(c.dim != d * n_steps for c in skill.components_)
         # Only the window of a rhythm is shortened to its bouts.
-        or (
-            phase is None and skill.get_params()["n_steps"] not in (None, skill.n_steps)
-        )
-        or (phase is not None and not phase.fits(proportions.size, d, skill.n_steps))
+        or (phase is None and skill.get_params()["n_steps"] not in (None, n_steps))
+        or (phase is not None and not 0 <= phase.reference_step < n_steps)
     ):
         raise SkillFileError("its arrays do not fit together")
     for names in (skill.channels_, skill.units_):
@@ -179,10 +180,14 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
             arrays["means"], arrays["ranks"], ends, arrays["noise"], strict=True
         )
     )
-    extent = arrays["extent"]
-    d = extent.shape[1]
+    if int(metadata["version"]) < 2:
+        arrays["scales"] = np.ones(arrays["extent"].shape[-1])
+    sizes = {"1": 1, "2": 2}
+    for name, shape in _ARRAYS:
+        _check_shape(name, arrays[name], shape, sizes)
+    d = sizes["D"]
     numbers = metadata.get("phase")
-    phase = None if numbers is None else _phase_model(numbers, arrays)
+    phase = None if numbers is None else _phase_model(numbers, arrays, sizes)
     rhythm = metadata.get("rhythm")
     reference = metadata.get("rotation_reference")
     if reference is not None:
@@ -194,10 +199,10 @@ def _fitted(metadata: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]:
         "model_": "mixture" if phase is None else "phase",
         "model_reason_": str(metadata.get("model_reason", "it was the only model")),
         "phase_model_": phase,
-        "extent_": extent,
+        "extent_": arrays["extent"],
         "paths_": _paths(arrays, "paths", d),
-        "scales_": np.ones(d) if int(metadata["version"]) < 2 else arrays["scales"],
-        "calibration_": _calibration(arrays, d),
+        "scales_": arrays["scales"],
+        "calibration_": _calibration(arrays, sizes),
         "memory_": _paths(arrays, "memory", d),
         "rhythm_": None if rhythm is None else _rhythm(rhythm),
         **{
@@ -248,23 +253,22 @@ def _calibration_arrays(skill: FourierMovementPrimitive) -> dict[str, Any]:
     return out
 
 
-def _calibration(arrays: Mapping[str, Any], channels: int) -> Calibration | None:
+def _calibration(arrays: Mapping[str, Any], sizes: _Sizes) -> Calibration | None:
     """Return the calibration in a file; of version 3 it has factors only."""
     values = {
         attribute: arrays[name] for name, attribute, _ in _CALIBRATION if name in arrays
     }
     if "phase_calibration" in arrays:
         table = arrays["phase_calibration"]
-        _check_shape("phase_calibration", table, "A2", {"2": 2})
+        _check_shape("phase_calibration", table, "A2", sizes)
         values = {"horizons": table[:, 0], "factors": np.maximum(table[:, 1], 1.0)}
     if "horizons" not in values:
         return None
     horizons, factors = values["horizons"], values["factors"]
     # Earlier files have factors alone, or errors that the components do not contain.
     if "change_covariances" not in values:
-        zeros = np.zeros((horizons.size, channels, channels))
+        zeros = np.zeros((horizons.size, sizes["D"], sizes["D"]))
         values |= dict.fromkeys(("error_covariances", "change_covariances"), zeros)
-    sizes = {"D": channels}
     for name, attribute, shape in _CALIBRATION:
         if attribute in values:
             _check_shape(name, values[attribute], shape, sizes)
@@ -285,7 +289,7 @@ def _calibration(arrays: Mapping[str, Any], channels: int) -> Calibration | None
     return calibration
 
 
-def _check_shape(name: str, array: Any, shape: str, sizes: dict[str, int]) -> None:
+def _check_shape(name: str, array: Any, shape: str, sizes: _Sizes) -> None:
     """Raise SkillFileError unless an array has a shape; new letters are added to sizes."""
     if array.ndim != len(shape) or any(
         sizes.setdefault(letter, length) != length
@@ -299,9 +303,8 @@ def _values_of(model: PhaseModel, table: Iterable[tuple[Any, ...]]) -> dict[str,
     return {name: attrgetter(attribute)(model) for name, attribute, _ in table}
 
 
-def _phase_model(numbers: Mapping[str, Any], arrays: Mapping[str, Any]) -> PhaseModel:
+def _phase_model(numbers: _Values, arrays: _Values, sizes: _Sizes) -> PhaseModel:
     """Return the phase model in a skill file."""
-    sizes = {"1": 1}
     values: dict[str, Any] = {}
     for name, attribute, shape in _PHASE_ARRAYS:
         _check_shape(name, arrays[name], shape, sizes)

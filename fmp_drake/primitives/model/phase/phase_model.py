@@ -79,11 +79,6 @@ class PhaseModel:
         """The number of whole cycles that were demonstrated."""
         return len(self.history.lengths)
 
-    def fits(self, components: int, channels: int, n_steps: int) -> bool:
-        """Return whether the sizes fit a skill."""
-        shape = self.cycle.coefficients.shape[1], self.grid.phases.shape
-        return shape == (channels, (components,)) and 0 <= self.reference_step < n_steps
-
     def phase(self, values: Array) -> Array:
         """Return the unwrapped phase (n,) of consecutive samples (n, D), rad."""
         return phase_path(values, self.cycle, velocity=self.velocity.mean)
