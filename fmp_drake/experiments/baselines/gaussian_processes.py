@@ -20,7 +20,7 @@ from fmp_drake.experiments.baselines.method import (
     mixture_moments,
 )
 from fmp_drake.numeric import Array
-from fmp_drake.primitives import sliding_windows
+from fmp_drake.primitives.data.windows import windows_of_all
 
 # Ranges of s, l, r in periods, s_2, r_2 in periods, the noise and p in estimated periods,
 # and starts of the search. Values are in standard deviations of a channel.
@@ -112,9 +112,7 @@ class PeriodicGP(Method):
         self.mean_, spread = samples.mean(axis=0), samples.std(axis=0)
         self.scale_ = np.where(spread > 1e-12, spread, 1.0)
         size = PAST + HORIZON
-        parts = np.concatenate(
-            [sliding_windows(y, n_steps=size, stride=size) for y in recordings]
-        )
+        parts = windows_of_all(recordings, n_steps=size, stride=size)
         scaled = (parts - self.mean_) / self.scale_
         units = np.ones(7)
         units[[2, 4, 6]] = self.period_
@@ -316,9 +314,7 @@ class DelayGP(Method):
         samples = np.concatenate(list(recordings))
         self._mean, self._scale = samples.mean(axis=0), samples.std(axis=0) + 1e-12
         size = PAST + HORIZON
-        windows = np.concatenate(
-            [sliding_windows(y, n_steps=size, stride=1) for y in recordings]
-        )
+        windows = windows_of_all(recordings, n_steps=size)
         if len(windows) < _LEAST_POINTS:
             raise ExperimentError(
                 f"there are {len(windows)} windows of {size} samples; expected at least "

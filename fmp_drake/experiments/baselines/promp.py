@@ -20,7 +20,7 @@ from fmp_drake.experiments.baselines.method import (
     long_enough,
 )
 from fmp_drake.numeric import Array, check_number, finite_array
-from fmp_drake.primitives.data.windows import joined_recordings, sliding_windows
+from fmp_drake.primitives.data.windows import joined_recordings, windows_of_all
 from fmp_drake.primitives.model.mixture import fit_gaussians
 from fmp_drake.primitives.model.prediction import Conditioning, Prediction
 
@@ -476,9 +476,7 @@ class WindowedProMP(Method):
         longest = max(map(len, recordings))
         size = int(np.clip(longest // 2, PAST + HORIZON, _MOST_WINDOW))
         stride = 1 if longest < 2 * _MOST_WINDOW else 2
-        windows = np.concatenate(
-            [sliding_windows(y, n_steps=size, stride=stride) for y in recordings]
-        )
+        windows = windows_of_all(recordings, n_steps=size, stride=stride)
         if not len(windows):
             raise ExperimentError(f"no recording has {size} samples.")
         self._model = ProMP(frequencies=5, n_components=80).fit(windows)

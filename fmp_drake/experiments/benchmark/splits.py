@@ -14,8 +14,9 @@ import numpy as np
 from fmp_drake.errors import DemonstrationError, FmpError
 from fmp_drake.experiments.baselines.method import HORIZON, PAST, RATE, long_enough
 from fmp_drake.numeric import Array
-from fmp_drake.primitives import read_demonstrations, sliding_windows
+from fmp_drake.primitives import read_demonstrations
 from fmp_drake.primitives.data.channels import channel_scales
+from fmp_drake.primitives.data.windows import windows_of_all
 from fmp_drake.primitives.model.phase.search import search_rhythm
 
 CYCLES = (1.5, 2.0, 3.0, 4.0, 8.0)
@@ -255,9 +256,7 @@ def prediction_instants(
     count : int
         Greatest number of pairs.
     """
-    windows = np.concatenate(
-        [sliding_windows(y, n_steps=PAST + HORIZON, stride=1) for y in recordings]
-    )
+    windows = windows_of_all(recordings, n_steps=PAST + HORIZON)
     indices = np.linspace(0, len(windows) - 1, min(count, len(windows))).astype(int)
     pairs = windows[np.unique(indices)]
     return [(window[:PAST], window[PAST:]) for window in pairs]

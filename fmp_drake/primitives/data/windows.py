@@ -125,6 +125,15 @@ def sliding_windows(values: Array, *, n_steps: int, stride: int) -> Array:
     return np.ascontiguousarray(np.swapaxes(view[::stride], 1, 2))
 
 
+def windows_of_all(
+    recordings: Sequence[Array], *, n_steps: int, stride: int = 1
+) -> Array:
+    """Cut recordings (n, D) into windows, (N, T, D); see `sliding_windows`."""
+    return np.concatenate(
+        [sliding_windows(y, n_steps=n_steps, stride=stride) for y in recordings]
+    )
+
+
 def _alike(demonstrations: Sequence[Demonstration]) -> list[Demonstration]:
     """Return demonstrations with the rotation reference of the first.
 

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import GREATEST, Array
-from fmp_drake.primitives.data.windows import sliding_windows
+from fmp_drake.primitives.data.windows import windows_of_all
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.mapping import MappingPlan
@@ -162,9 +162,7 @@ def learn_continuation(
         have fewer than two windows.
     """
     stride = max(1, n_steps // 60)
-    windows = np.concatenate(
-        [sliding_windows(y, n_steps=n_steps, stride=stride) for y in recordings]
-    )
+    windows = windows_of_all(recordings, n_steps=n_steps, stride=stride)
     if len(windows) < 2:
         return None
     basis, channels = FourierBasis(n_steps), windows.shape[2]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.special import gammaln, softmax
 
 from fmp_drake.numeric import Array, Mask, finite_array
-from fmp_drake.primitives.data.windows import sliding_windows
+from fmp_drake.primitives.data.windows import sliding_windows, windows_of_all
 
 # Weight of the distance of two pasts relative to the weight of their difference in
 # shape.
@@ -383,9 +383,7 @@ class SimilarWindows:
         inferred: Sequence[int],
         span: int,
     ) -> None:
-        windows = np.concatenate(
-            [sliding_windows(y, n_steps=span, stride=1) for y in recordings]
-        )
+        windows = windows_of_all(recordings, n_steps=span)
         self._observed, self._inferred = windows[..., observed], windows[..., inferred]
         variance = float(self._observed.var(axis=(0, 1)).sum())
         self._width = _KERNEL_WIDTH * max(variance, 1e-300) * span
