@@ -8,6 +8,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_type
 from fmp_drake.systems.interface.arm_model import ArmModel
 from fmp_drake.systems.interface.callbacks import eval_cache
 
@@ -65,6 +67,7 @@ class NormalForceEstimator(LeafSystem):
         super().__init__()
         self.set_name("normal_force_estimator")
         self._arm = ArmModel(plant, end_effector)
+        check_type(R_WT, "R_WT", RotationMatrix, error=SystemsError)
         self._normal_W = R_WT.matrix()[:, 2].copy()
         n = plant.num_velocities()
         self._state = self.DeclareVectorInputPort("state", 2 * n)

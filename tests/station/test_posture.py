@@ -122,6 +122,34 @@ def test_reach_is_that_from_the_base():
     assert FindLevelReach(MakeRobotModel(config)) == pytest.approx(at_origin, abs=0.011)
 
 
+def test_frame_of_another_plant_is_refused(arm):
+    frame = MakeRobotModel(LoadRobot("ur5e")).tip
+    with pytest.raises(StationError, match="is one of another plant"):
+        SolvePosture(
+            arm,
+            frame=frame,
+            X_WE=RigidTransform(DOWN, MIDDLE),
+            q_preferred=PREFERRED,
+        )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"frame": "eraser_tip"}, "frame is 'eraser_tip'; its type must be Frame"),
+        ({"X_WE": np.eye(4)}, "X_WE is .*; its type must be RigidTransform"),
+    ],
+)
+def test_argument_of_another_type_is_refused_with_the_expected_one(arm, wrong, words):
+    right = {
+        "frame": arm.GetFrameByName("eraser_tip"),
+        "X_WE": RigidTransform(DOWN, MIDDLE),
+        "q_preferred": PREFERRED,
+    }
+    with pytest.raises(StationError, match=words):
+        SolvePosture(arm, **(right | wrong))
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_place_that_is_not_finite_is_refused(arm, bad):
     with pytest.raises(StationError, match="infinite numbers in the eraser's position"):

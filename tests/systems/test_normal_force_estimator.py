@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from arm_loop import X_WT_TILTED, configurations, jacobian, make_arm
 
+from fmp_drake.errors import SystemsError
 from fmp_drake.systems import NormalForceEstimator
 
 
@@ -29,6 +30,14 @@ def test_ports():
     assert system.GetOutputPort("normal_force").size() == 1
     assert system.HasDirectFeedthrough(0, 0)
     assert system.HasDirectFeedthrough(1, 0)
+
+
+def test_a_pose_in_place_of_a_rotation_is_refused_with_the_expected_type():
+    plant = make_arm()
+    with pytest.raises(SystemsError, match="R_WT is .*type must be RotationMatrix"):
+        NormalForceEstimator(
+            plant, end_effector=plant.GetFrameByName("eraser_tip"), R_WT=X_WT_TILTED
+        )
 
 
 @pytest.mark.parametrize("q", configurations(5))

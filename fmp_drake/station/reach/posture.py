@@ -11,7 +11,7 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.solvers import Solve
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import Array, finite_array
+from fmp_drake.numeric import Array, check_type, finite_array
 from fmp_drake.station.robots.robot import Robot, check_posture
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.impedance.joints import JointWallConfig
@@ -65,8 +65,15 @@ def SolvePosture(
     Raises
     ------
     StationError
-        Where the arm cannot reach the pose.
+        Where the arm cannot reach the pose, or the frame is not one of the plant.
     """
+    check_type(frame, "frame", Frame, error=StationError)
+    check_type(X_WE, "X_WE", RigidTransform, error=StationError)
+    # Drake would take the frame of the plant that has the same index.
+    if frame.GetParentPlant() is not plant:
+        raise StationError(
+            f"frame {frame.name()} is one of another plant; give that of the plant."
+        )
     q = _FindPosture(plant, frame, X_WE, q_preferred, spring_width)
     if q is None:
         x, y, z = X_WE.translation()
