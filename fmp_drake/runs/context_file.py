@@ -31,7 +31,8 @@ def save_context(context: Context, path: str | Path) -> None:
     Parameters
     ----------
     context : Context
-        Context of a diagram without abstract state.
+        Context of a diagram without abstract state. A discrete MultibodyPlant has such state
+        unless `SetUseSampledOutputPorts(False)` is called before `Finalize`.
     path : path
         Ends in .npz. An existing file is replaced at the end.
 
@@ -43,7 +44,8 @@ def save_context(context: Context, path: str | Path) -> None:
     if context.num_abstract_states():
         raise RunError(
             "a Context is saved as numbers, but there is abstract state in "
-            f"{', '.join(_systems_with_abstract_state(context))}."
+            f"{', '.join(_systems_with_abstract_state(context))}. A discrete MultibodyPlant "
+            "has none after SetUseSampledOutputPorts(False), before Finalize()."
         )
     arrays = {name: vector.CopyToVector() for name, vector in _vectors(context)}
     FORMAT.write(Path(path), {"time": context.get_time()}, arrays)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from pydrake.common.value import Value
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import (
     InitializeParams,
     ResetIntegratorFromFlags,
@@ -104,6 +105,18 @@ def test_systems_with_abstract_state_are_named(tmp_path):
     with pytest.raises(RunError, match=r"abstract state in .*::remembers\."):
         save_context(diagram.CreateDefaultContext(), tmp_path / "state.npz")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_plant_that_samples_its_outputs_is_saved_as_the_error_advises(tmp_path):
+    plant = MultibodyPlant(0.001)
+    plant.Finalize()
+    with pytest.raises(RunError, match=r"SetUseSampledOutputPorts\(False\)"):
+        save_context(plant.CreateDefaultContext(), tmp_path / "state.npz")
+    plant = MultibodyPlant(0.001)
+    plant.SetUseSampledOutputPorts(False)
+    plant.Finalize()
+    save_context(plant.CreateDefaultContext(), tmp_path / "state.npz")
+    assert (tmp_path / "state.npz").exists()
 
 
 def test_the_context_of_another_diagram_is_refused_and_unchanged(saved):
