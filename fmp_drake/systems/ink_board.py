@@ -65,6 +65,9 @@ class InkBoard(LeafSystem):
         body_spatial_velocities  ->          -> normal_force
                                              -> contact_area
 
+    Both bodies need hydroelastic properties, and one of them must be compliant. Drake
+    computes point contact otherwise, which wears no ink and is not in the outputs.
+
     Input ports (connect the plant's ports of the same names):
 
     - `contact_results`: abstract, `ContactResults`.
@@ -107,7 +110,13 @@ class InkBoard(LeafSystem):
 
     Examples
     --------
-    >>> from pydrake.geometry import Box
+    >>> from pydrake.geometry import (
+    ...     AddCompliantHydroelasticProperties,
+    ...     AddContactMaterial,
+    ...     AddRigidHydroelasticProperties,
+    ...     Box,
+    ...     ProximityProperties,
+    ... )
     >>> from pydrake.multibody.plant import (
     ...     AddMultibodyPlantSceneGraph,
     ...     CoulombFriction,
@@ -116,10 +125,14 @@ class InkBoard(LeafSystem):
     >>> builder = DiagramBuilder()
     >>> plant, _ = AddMultibodyPlantSceneGraph(builder, 0.001)
     >>> board, eraser = (plant.AddRigidBody(name) for name in ("board", "eraser"))
-    >>> for body, size in ((board, 0.7), (eraser, 0.1)):
-    ...     shape, rough = Box(size, size, 0.02), CoulombFriction(1.0, 1.0)
+    >>> hard, soft = ProximityProperties(), ProximityProperties()
+    >>> AddRigidHydroelasticProperties(0.05, hard)
+    >>> AddCompliantHydroelasticProperties(0.05, 1e6, soft)
+    >>> for body, size, properties in ((board, 0.7, hard), (eraser, 0.1, soft)):
+    ...     AddContactMaterial(friction=CoulombFriction(1.0, 1.0), properties=properties)
+    ...     shape = Box(size, size, 0.02)
     ...     _ = plant.RegisterCollisionGeometry(
-    ...         body, RigidTransform(), shape, "box", rough
+    ...         body, RigidTransform(), shape, "box", properties
     ...     )
     >>> plant.Finalize()
     >>> ink = builder.AddSystem(
