@@ -180,6 +180,11 @@ def test_unknown_name_lists_the_known_ones():
         assert name in str(caught.value)
 
 
+def test_a_robot_that_is_chosen_and_missing_is_not_a_fault_of_the_scenario():
+    with pytest.raises(StationError, match="^there is no robot nothing; give "):
+        LoadScenario("table_top", robot="nothing")
+
+
 def test_missing_file_is_named(tmp_path):
     with pytest.raises(StationError, match=r"no scenario .*nowhere\.yaml.*table_top"):
         LoadScenario(tmp_path / "nowhere.yaml")
