@@ -58,9 +58,17 @@ def check_settings(settings: Any, error: type[FmpError], name: str = "") -> None
     Raises
     ------
     FmpError
-        Of the given type, with the name, the value and the allowed range.
+        Of the given type, with the name, the value and the allowed range. Also for an
+        attribute that is not a field.
     """
-    for field in dataclasses.fields(settings):
+    fields = dataclasses.fields(settings)
+    names = [field.name for field in fields]
+    # An assignment to a misspelled name, such as press.forse = 8.0, would have no effect.
+    for key in getattr(settings, "__dict__", {}):
+        if key not in names and not key.startswith("_"):
+            owner = name.removesuffix(".") or type(settings).__name__
+            raise error(f"there is no {name}{key}: {owner} has {', '.join(names)}.")
+    for field in fields:
         value, path = getattr(settings, field.name), f"{name}{field.name}"
         default = field.default
         if field.default_factory is not dataclasses.MISSING:

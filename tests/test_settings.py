@@ -59,6 +59,19 @@ def test_setting_out_of_its_range_is_named(tool, message):
         check_settings(tool, StationError, "tool.")
 
 
+def test_an_assignment_to_a_name_that_is_not_a_setting_is_refused_with_the_settings():
+    tool = Tool()
+    tool.felt.frction = 0.3
+    with pytest.raises(
+        StationError, match="there is no felt.frction: felt has friction, size, wear"
+    ):
+        check_settings(tool, StationError)
+    tool = Tool()
+    tool.spare = []
+    with pytest.raises(StationError, match="there is no spare: Tool has felt, spares"):
+        check_settings(tool, StationError)
+
+
 def test_no_two_settings_share_a_list():
     one, two = Felt(), Felt()
     one.size[0] = 9.0
