@@ -63,7 +63,7 @@ def test_an_assignment_to_a_name_that_is_not_a_setting_is_refused_with_the_setti
     tool = Tool()
     tool.felt.frction = 0.3
     with pytest.raises(
-        StationError, match="there is no felt.frction: felt has friction, size, wear"
+        StationError, match=r"there is no felt.frction: felt has friction, size, wear"
     ):
         check_settings(tool, StationError)
     tool = Tool()

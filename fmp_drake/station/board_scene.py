@@ -20,7 +20,7 @@ from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import Multiplexer, Sine
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import finite_array
+from fmp_drake.numeric import check_type, finite_array
 from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.models.whiteboard import AddWhiteboard, FilterHull
 from fmp_drake.station.reach.posture import SolveStartPosture
@@ -136,6 +136,7 @@ def AddBoardScene(
     StationError
         If the scenario has invalid values, or the arm cannot reach the start.
     """
+    check_type(scenario, "scenario", Scenario, error=StationError)
     start = finite_array(start, "start", (3,), error=StationError)
     replace(scenario, start=start.tolist()).check()
     if not simulated and scenario.board.motion.amplitude > 0:

@@ -19,7 +19,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array, as_floats, check_number, read_only
+from fmp_drake.numeric import Array, as_floats, check_number, check_type, read_only
 from fmp_drake.systems.ink.grid import (
     CLEAN_BELOW,
     WEAR_CONSTANT,
@@ -38,6 +38,7 @@ from fmp_drake.systems.ink.rubbing import (
     wear,
 )
 from fmp_drake.systems.interface.callbacks import (
+    check_frame,
     collision_ids,
     contact_surfaces,
     declare_bodies,
@@ -165,6 +166,9 @@ class InkBoard(LeafSystem):
         self.set_name("ink_board")
         check_number(worn, "worn", least=0, most=1, error=SystemsError)
         check_number(period, "period", above=0, unit="s", error=SystemsError)
+        for what, frame in (("eraser", eraser), ("surface", surface)):
+            check_frame(frame, what, plant, error=SystemsError)
+        check_type(grid, "grid", InkGrid, error=SystemsError)
         self._eraser, self._surface = (
             (int(frame.body().index()), frame.GetFixedPoseInBodyFrame())
             for frame in (eraser, surface)

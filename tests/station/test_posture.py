@@ -124,7 +124,7 @@ def test_reach_is_that_from_the_base():
 
 def test_frame_of_another_plant_is_refused(arm):
     frame = MakeRobotModel(LoadRobot("ur5e")).tip
-    with pytest.raises(StationError, match="is one of another plant"):
+    with pytest.raises(StationError, match="is a frame of another plant"):
         SolvePosture(
             arm,
             frame=frame,

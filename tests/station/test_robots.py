@@ -12,6 +12,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
     CoulombFriction,
+    MultibodyPlant,
     MultibodyPlantConfig,
 )
 from pydrake.multibody.tree import JacobianWrtVariable
@@ -22,6 +23,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.station import LoadRobot, Scenario, models_dir
 from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.robots.robot import (
+    AddRobot,
     CollectCollisionSpheres,
     FilterSelfContact,
     MakeRobotModel,
@@ -392,6 +394,13 @@ def test_values_of_joints_are_in_their_order_on_the_arm(tmp_path):
     assert [inertias[f"ur5e_joint{i}"] for i in range(1, 7)] == [
         *(0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
     ]
+
+
+def test_a_name_in_place_of_a_robot_or_a_scenario_is_refused_with_the_expected_type():
+    with pytest.raises(StationError, match=r"config is 'panda'; .* RobotConfig"):
+        AddRobot(MultibodyPlant(time_step=0.001), "panda")
+    with pytest.raises(StationError, match=r"scenario is 'table_top'; .* Scenario"):
+        AddBoardScene(DiagramBuilder(), "table_top", start=[0.0, 0.0, 0.1])
 
 
 def test_meshes_are_found_in_the_package_around_a_model(tmp_path):

@@ -181,7 +181,7 @@ def test_unknown_name_lists_the_known_ones():
 
 
 def test_a_robot_that_is_chosen_and_missing_is_not_a_fault_of_the_scenario():
-    with pytest.raises(StationError, match="^there is no robot nothing; give "):
+    with pytest.raises(StationError, match=r"^there is no robot nothing; give "):
         LoadScenario("table_top", robot="nothing")
 
 

@@ -504,6 +504,30 @@ def test_bad_parameters_are_refused(options, what):
         add_ink(builder, plant, eraser, surface, **options)
 
 
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({"eraser": "felt"}, "eraser is 'felt'; its type must be Frame"),
+        ({"grid": (0.3, 0.4)}, r"grid is \(0.3, 0.4\); its type must be InkGrid"),
+    ],
+)
+def test_an_argument_of_another_type_is_refused_with_the_expected_one(options, what):
+    plant, eraser, surface = make_plant(DiagramBuilder())
+    frames = {"eraser": eraser.body_frame(), "surface": surface, "grid": GRID}
+    with pytest.raises(SystemsError, match=what):
+        InkBoard(plant=plant, **(frames | options))
+
+
+@pytest.mark.parametrize("name", ["eraser", "surface"])
+def test_a_frame_of_another_plant_is_refused(name):
+    plant, eraser, surface = make_plant(DiagramBuilder())
+    other, _, _ = make_plant(DiagramBuilder())
+    frames = {"eraser": eraser.body_frame(), "surface": surface}
+    frames[name] = other.get_frame(frames[name].index())
+    with pytest.raises(SystemsError, match=f"{name} .* is a frame of another plant"):
+        InkBoard(plant=plant, grid=GRID, **frames)
+
+
 def test_a_body_that_cannot_touch_is_refused():
     builder = DiagramBuilder()
     plant, _, surface = make_plant(builder)

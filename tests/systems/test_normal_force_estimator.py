@@ -34,7 +34,7 @@ def test_ports():
 
 def test_a_pose_in_place_of_a_rotation_is_refused_with_the_expected_type():
     plant = make_arm()
-    with pytest.raises(SystemsError, match="R_WT is .*type must be RotationMatrix"):
+    with pytest.raises(SystemsError, match=r"R_WT is .*type must be RotationMatrix"):
         NormalForceEstimator(
             plant, end_effector=plant.GetFrameByName("eraser_tip"), R_WT=X_WT_TILTED
         )

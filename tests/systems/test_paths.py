@@ -12,6 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pydrake.geometry import Meshcat, Rgba, Sphere
 from scipy.spatial import ConvexHull
 
+from fmp_drake.errors import SystemsError
+from fmp_drake.primitives import Demonstration
 from fmp_drake.systems.page import paths
 from fmp_drake.systems.page.paths import (
     BAND_DESCENT,
@@ -153,6 +155,22 @@ def test_demonstrations_replace_those_drawn_before(meshcat):
     draw_demonstrations(meshcat, "demonstrations", [LINE])
     assert meshcat.HasPath("demonstrations/0")
     assert not meshcat.HasPath("demonstrations/1")
+
+
+def test_paths_that_are_not_points_in_space_are_refused_with_their_shape(meshcat):
+    with pytest.raises(
+        SystemsError, match=r"a path of shape \(9, 2\); expected \(N, 3"
+    ):
+        draw_demonstrations(meshcat, "demonstrations", [LINE[:, :2]])
+    recording = Demonstration(time=np.arange(9.0), values=LINE)
+    with pytest.raises(SystemsError, match="a path: <Demonstration"):
+        draw_demonstrations(meshcat, "demonstrations", [recording])
+    with pytest.raises(
+        SystemsError, match=r"points of shape \(9, 3\); expected \(8, 3"
+    ):
+        AddPathToRecording(
+            meshcat, "path", times=np.arange(8.0), points=LINE, color=RED
+        )
 
 
 @pytest.mark.parametrize("seconds", [0.1, 4.0, 1000.0])

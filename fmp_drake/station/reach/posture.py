@@ -15,6 +15,7 @@ from fmp_drake.numeric import Array, check_type, finite_array
 from fmp_drake.station.robots.robot import Robot, check_posture
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.impedance.joints import JointWallConfig
+from fmp_drake.systems.interface.callbacks import check_frame
 
 _POSITION_TOLERANCE = 1e-6
 _ROTATION_TOLERANCE = 1e-5
@@ -67,13 +68,8 @@ def SolvePosture(
     StationError
         Where the arm cannot reach the pose, or the frame is not one of the plant.
     """
-    check_type(frame, "frame", Frame, error=StationError)
+    check_frame(frame, "frame", plant, error=StationError)
     check_type(X_WE, "X_WE", RigidTransform, error=StationError)
-    # Drake would take the frame of the plant that has the same index.
-    if frame.GetParentPlant() is not plant:
-        raise StationError(
-            f"frame {frame.name()} is one of another plant; give that of the plant."
-        )
     q = _FindPosture(plant, frame, X_WE, q_preferred, spring_width)
     if q is None:
         x, y, z = X_WE.translation()

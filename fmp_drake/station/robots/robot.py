@@ -25,7 +25,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, check_type
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import models_dir
@@ -257,6 +257,7 @@ def AddRobot(
     >>> plant.GetModelInstanceName(robot.tool)
     'eraser'
     """
+    check_type(config, "config", RobotConfig, error=StationError)
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(models_dir() / "package.xml"))
     hint = (

@@ -9,6 +9,7 @@ from pydrake.systems.framework import CacheIndex, Context, LeafSystem, ValueProd
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import Array, as_floats, check_type
 from fmp_drake.systems.impedance.joints import JointLimits
+from fmp_drake.systems.interface.callbacks import check_frame
 
 type _Arguments = tuple[bool, Array, Array, Array, Array, Array, Array, Array]
 
@@ -117,7 +118,6 @@ def joint_limits(plant: MultibodyPlant) -> JointLimits:
 def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
     """Raise an error for a plant that is not one fully actuated arm with an end effector."""
     check_type(plant, "plant", MultibodyPlant, error=SystemsError)
-    check_type(end_effector, "end_effector", Frame, error=SystemsError)
     if not plant.is_finalized():
         raise SystemsError("The controller's plant must be finalized first.")
     n = plant.num_velocities()
@@ -146,11 +146,7 @@ def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
             f"The controller's plant has constraints ({plant.num_constraints()}), such as "
             "those of mimic joints, which its dynamics leave out; it must have none."
         )
-    if end_effector.GetParentPlant() is not plant:
-        raise SystemsError(
-            f"end_effector {end_effector.name()} is a frame of another plant; it must be "
-            "one of the controller's plant."
-        )
+    check_frame(end_effector, "end_effector", plant, error=SystemsError)
     body = end_effector.body().index()
     for joint in joints:
         if body not in plant.GetBodiesKinematicallyAffectedBy([joint.index()]):

@@ -19,7 +19,7 @@ from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForce,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.multibody.tree import BodyIndex, Frame, RigidBody
 from pydrake.systems.framework import (
     CacheIndex,
     Context,
@@ -29,8 +29,8 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array
+from fmp_drake.errors import FmpError, SystemsError
+from fmp_drake.numeric import Array, check_type
 
 
 def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
@@ -58,6 +58,21 @@ def declare_cache(
     return system.DeclareCacheEntry(
         name, ValueProducer(allocate=Value[object], calc=weakly(calc)), prerequisites
     ).cache_index()
+
+
+def check_frame(
+    frame: Frame, what: str, plant: MultibodyPlant, *, error: type[FmpError]
+) -> None:
+    """Raise an error for a frame of another plant.
+
+    Drake would take the plant's own frame with the same index.
+    """
+    check_type(frame, what, Frame, error=error)
+    if frame.GetParentPlant() is not plant:
+        raise error(
+            f"{what} {frame.name()} is a frame of another plant; it must be one of the "
+            "plant that is given with it."
+        )
 
 
 def collision_ids(plant: MultibodyPlant, body: RigidBody) -> frozenset[int]:

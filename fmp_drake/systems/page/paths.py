@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.geometry import Meshcat, MeshcatAnimation, Rgba
 
 from fmp_drake.compiled import compiled
-from fmp_drake.numeric import Array
+from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import Array, finite_array
 from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import PLANE, Surface
 
@@ -222,7 +223,7 @@ def draw_demonstrations(
         draw_line(
             meshcat,
             f"{path}/{i}",
-            np.asarray(points),
+            finite_array(points, "a path", ("N", 3), error=SystemsError),
             color=DEMONSTRATION_COLOR,
             surface=surface,
         )
@@ -254,7 +255,8 @@ def AddPathToRecording(
     surface : Surface
         Of the board.
     """
-    seconds, line = np.asarray(times, dtype=float), np.asarray(points, dtype=float)
+    seconds = finite_array(times, "the times", error=SystemsError)
+    line = finite_array(points, "the points", (seconds.size, 3), error=SystemsError)
     meshcat.Delete(path)
     if len(seconds) < 2:
         return
