@@ -422,6 +422,10 @@ class WipingRun(StationRun):
     _title = "A whiteboard is wiped"
 
     def _add_systems(self, builder: DiagramBuilder) -> None:
+        if not self.scenario.has_board:
+            raise RunError(
+                "the scenario has no board to wipe; MakeRun(scenario, skill) returns its run."
+            )
         ink_board: Any = self.station.GetSubsystemByName("ink_board")
         self.grid = ink_board.grid
         self.initial_ink = ink_board.initial_ink

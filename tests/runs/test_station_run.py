@@ -6,7 +6,7 @@ from posed_recordings import demonstration
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from fmp_drake.apps.run_report import report_rows
-from fmp_drake.errors import SkillError, StationError
+from fmp_drake.errors import RunError, SkillError, StationError
 from fmp_drake.film import FilmReel, film_run
 from fmp_drake.film.render import FILM_SIGNALS
 from fmp_drake.film.scene import renders
@@ -142,6 +142,11 @@ def test_check_follows_the_poses_of_a_skill_in_free_space(free, stirring):
     )
     refused = CheckFeasibility(free, leaning)
     assert not refused.is_feasible
+
+
+def test_a_run_that_wipes_needs_a_board_and_names_the_one_that_does_not(free, stirring):
+    with pytest.raises(RunError, match=r"no board to wipe; MakeRun\(scenario, skill\)"):
+        WipingRun(free, stirring)
 
 
 @pytest.mark.parametrize("use", [MakeRun, CheckFeasibility, MakeStation])

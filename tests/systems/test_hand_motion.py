@@ -168,6 +168,13 @@ def test_unknown_task_lists_the_tasks():
         HandMotion.make("dance", duration=1, seed=0)
 
 
+def test_duration_that_would_fill_the_memory_is_refused():
+    with pytest.raises(
+        SystemsError, match=r"duration is 1000000000.0 s; .* at most 36"
+    ):
+        HandMotion.make("eight", duration=1e9, seed=0)
+
+
 @pytest.mark.parametrize("seconds", [0, -1, np.nan, np.inf])
 def test_duration_that_is_not_positive_is_refused(seconds):
     with pytest.raises(SystemsError, match="must be positive"):

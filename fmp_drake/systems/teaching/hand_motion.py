@@ -13,6 +13,8 @@ Task = Literal["wiping", "polishing", "eight", "stirring", "pulsing"]
 
 _RATE = 200.0
 _SETTLE = 60.0
+# Longest path, s: the whole of it is drawn at once, in about a gigabyte.
+_LONGEST = 36_000.0
 
 
 MAX_TURN_RATE = 1.0
@@ -175,7 +177,9 @@ class HandMotion:
 
         if task not in _FIGURES:
             raise SystemsError(f"task is {task!r}; choose from {', '.join(_FIGURES)}.")
-        check_number(duration, "duration", above=0, unit="s", error=SystemsError)
+        check_number(
+            duration, "duration", above=0, most=_LONGEST, unit="s", error=SystemsError
+        )
         figure = _FIGURES[task]
         check_number(seed, "seed", least=0, whole=True, error=SystemsError)
         human = HandVariability() if variability is None else variability
