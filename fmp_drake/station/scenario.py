@@ -227,9 +227,10 @@ class Scenario:
             for name in ("height", "slope", "shift"):
                 values = getattr(friction, name)
                 if len(values) != n and (values or friction.enabled):
+                    none = f"none: give them, or {prefix}enabled: false"
                     return (
                         f"{prefix}{name} is {values}; expected {n} numbers. The robot has "
-                        f"{'none' if not robot.friction.height else 'its own'}."
+                        f"{'its own' if robot.friction.height else none}."
                     )
         return ""
 

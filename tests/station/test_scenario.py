@@ -258,7 +258,10 @@ def test_missing_file_is_named(tmp_path):
         ),
         (
             "robot: ur5e\nfriction: {enabled: true}",
-            ["friction.height is []", "expected 6 numbers. The robot has none"],
+            [
+                "friction.height is []",
+                "The robot has none: give them, or friction.enabled: false",
+            ],
         ),
         (
             "impedance: {orientation: [180, 0, 0]}",
