@@ -146,18 +146,20 @@ class DemonstratedRegion:
     ) -> Array:
         """Return the largest parts of the deviations of each channel, shape (S, D).
 
-        They are the `largest_fractions`; of all but some channels, which are those in m
-        where None, at most `others`; and of channels without metres what keeps them in
-        their range.
+        They are the `largest_fractions` of the deviations. Those of channels that are not
+        among `channels` (those in m where None) are first multiplied by `others`. Channels
+        without metres get as much as keeps them in their range, too.
         """
         most = np.full(deviations.shape[2], others)
         most[self._channels if channels is None else list(channels)] = 1.0
-        parts = np.minimum(self.largest_fractions(steady, deviations)[:, None], most)
+        fractions = self.largest_fractions(steady, deviations * most)[:, None]
+        parts = fractions * most
         among = (..., self._other_channels)
         change, before = deviations[among], steady[among]
         room = self._most - (before - self._middle) * np.sign(change)
         room = np.maximum(room, 0.0) / np.maximum(np.abs(change), _LEAST_DEVIATION)
-        parts[among] = np.minimum(parts[among], room.min(axis=1))
+        bound = np.minimum(fractions, most[self._other_channels])
+        parts[among] = np.minimum(bound, room.min(axis=1))
         return parts
 
 
