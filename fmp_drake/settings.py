@@ -59,14 +59,15 @@ def check_settings(settings: Any, error: type[FmpError], name: str = "") -> None
     ------
     FmpError
         Of the given type, with the name, the value and the allowed range. Also for an
-        attribute that is not a field.
+        attribute that is not a field; classes of a user's own may have others.
     """
     fields = dataclasses.fields(settings)
     names = [field.name for field in fields]
     # An assignment to a misspelled name, such as press.forse = 8.0, would have no effect.
-    for key in getattr(settings, "__dict__", {}):
+    is_own = type(settings).__module__.startswith("fmp_drake.")
+    for key in getattr(settings, "__dict__", {}) if is_own else ():
         if key not in names and not key.startswith("_"):
-            owner = name.removesuffix(".") or type(settings).__name__
+            owner = name.rstrip(". ") or type(settings).__name__
             raise error(f"there is no {name}{key}: {owner} has {', '.join(names)}.")
     for field in fields:
         value, path = getattr(settings, field.name), f"{name}{field.name}"

@@ -920,6 +920,11 @@ def objects(folder):
     return Written(folder / "d.npy")
 
 
+def empty_array(folder):
+    np.save(folder / "d.npy", np.zeros(0))
+    return Written(folder / "d.npy")
+
+
 def pickled(folder):
     (folder / "d.pkl").write_bytes(pickle.dumps(PATH))
     return Written(folder / "d.pkl")

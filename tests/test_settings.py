@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from fmp_drake.errors import StationError
+from fmp_drake.errors import StationError, SystemsError
 from fmp_drake.settings import bounded, check_settings, check_yaml
+from fmp_drake.systems import ImpedanceConfig
 
 
 @dataclass
@@ -60,16 +61,23 @@ def test_setting_out_of_its_range_is_named(tool, message):
 
 
 def test_an_assignment_to_a_name_that_is_not_a_setting_is_refused_with_the_settings():
-    tool = Tool()
-    tool.felt.frction = 0.3
+    config = ImpedanceConfig()
+    config.tank.capcity = 0.3
     with pytest.raises(
-        StationError, match=r"there is no felt.frction: felt has friction, size, wear"
+        SystemsError,
+        match=r"there is no tank\.capcity: tank has initial_energy, capacity",
     ):
-        check_settings(tool, StationError)
+        config.stiffness()
+    config = ImpedanceConfig()
+    config.damping = 0.7
+    with pytest.raises(SystemsError, match=r"no damping: ImpedanceConfig has trans"):
+        config.stiffness()
+
+
+def test_settings_of_a_users_own_may_have_a_state():
     tool = Tool()
-    tool.spare = []
-    with pytest.raises(StationError, match="there is no spare: Tool has felt, spares"):
-        check_settings(tool, StationError)
+    tool.felt.count = 1
+    check_settings(tool, StationError)
 
 
 def test_no_two_settings_share_a_list():

@@ -138,6 +138,7 @@ def AddBoardScene(
     """
     check_type(scenario, "scenario", Scenario, error=StationError)
     start = finite_array(start, "start", (3,), error=StationError)
+    scenario.check()
     replace(scenario, start=start.tolist()).check()
     if not simulated and scenario.board.motion.amplitude > 0:
         raise StationError(

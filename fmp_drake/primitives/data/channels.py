@@ -29,10 +29,10 @@ Quaternion = tuple[float, float, float, float]
 ChannelScales = Literal["units"] | ArrayLike
 
 
-def listed(names: Sequence[Any], *, most: int = 12) -> str:
+def listed(items: Sequence[Any], *, most: int = 12) -> str:
     """Return names or numbers separated by commas; only the first ones of very many."""
-    more = f" and {len(names) - most} more" * (len(names) > most)
-    return f"{', '.join(map(str, names[:most]))}{more}"
+    more = f" and {len(items) - most} more" * (len(items) > most)
+    return f"{', '.join(map(str, items[:most]))}{more}"
 
 
 def default_channels(count: int) -> tuple[str, ...]:

@@ -2,28 +2,14 @@
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cholesky, solve_triangular
 
 from fmp_drake.errors import SkillError
-from fmp_drake.numeric import (
-    GREATEST,
-    Array,
-    as_floats,
-    check_number,
-    finite_array,
-    one_blas_thread,
-)
+from fmp_drake.numeric import GREATEST, Array, as_floats, finite_array, one_blas_thread
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
-
-if TYPE_CHECKING:
-    from fmp_drake.primitives.model.trajectory_mixture import TrajectoryMixture
-
-# Variance of the force at a start, as a factor of that of the movement.
-_FORCE_VARIANCE = 1e6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -218,26 +204,3 @@ class LruCache[T]:
         for oldest in list(self._values)[: -self._count]:
             self._values.pop(oldest, None)
         return value
-
-
-def start_variances(skill: "TrajectoryMixture", fraction: float) -> Array:
-    """Return lambda of (13) for a start, per channel, shape (D,).
-
-    `fraction` is relative to the movement's half width: root 2 times the standard deviation
-    over all channels of a unit together, which a rotation does not change. Only the offset
-    adapts to a measured force, because without contact it is not informative.
-    """
-    check_number(fraction, "start_tolerance", least=0)
-    n, d = skill.n_steps, skill.n_channels_
-    square, mean = np.zeros(d), np.zeros(d)
-    for proportion, c in zip(skill.proportions_, skill.components_, strict=True):
-        weights = c.mean.reshape(d, n)
-        spread = (c.basis**2 @ c.variances).reshape(d, n)
-        square += proportion * (weights**2 + spread + c.noise).sum(axis=1) / n
-        mean += proportion * weights[:, 0] / np.sqrt(n)
-    variances = np.maximum(square - mean**2, 0) * skill.scales_**2
-    units = np.array(skill.units_)
-    squares = np.array([2 * variances[units == unit].sum() for unit in units])
-    is_force = np.char.endswith(units, "N")  # Also kN.
-    squares = np.where(is_force, _FORCE_VARIANCE * squares, fraction**2 * squares)
-    return np.maximum(squares, skill.tolerance * np.square(skill.scales_))

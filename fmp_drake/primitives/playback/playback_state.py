@@ -1,4 +1,4 @@
-"""State of a playback."""
+"""State of a playback, and the tolerances with which a start becomes one."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,11 @@ from typing import Any, Self
 
 import numpy as np
 
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, check_number
+from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
+
+# Variance of the force at a start, as a factor of that of the movement.
+_FORCE_VARIANCE = 1e6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,3 +120,26 @@ _ARRAYS = ("weights", "target", "history", "offset")
 
 def _numbers() -> list[str]:
     return [field.name for field in fields(PlaybackState) if field.name not in _ARRAYS]
+
+
+def start_variances(skill: FourierMovementPrimitive, fraction: float) -> Array:
+    """Return lambda of (13) for a start, per channel, shape (D,).
+
+    `fraction` is relative to the movement's half width: root 2 times the standard deviation
+    over all channels of a unit together, which a rotation does not change. Only the offset
+    adapts to a measured force, because without contact it is not informative.
+    """
+    check_number(fraction, "start_tolerance", least=0)
+    n, d = skill.n_steps, skill.n_channels_
+    square, mean = np.zeros(d), np.zeros(d)
+    for proportion, c in zip(skill.proportions_, skill.components_, strict=True):
+        weights = c.mean.reshape(d, n)
+        spread = (c.basis**2 @ c.variances).reshape(d, n)
+        square += proportion * (weights**2 + spread + c.noise).sum(axis=1) / n
+        mean += proportion * weights[:, 0] / np.sqrt(n)
+    variances = np.maximum(square - mean**2, 0) * skill.scales_**2
+    units = np.array(skill.units_)
+    squares = np.array([2 * variances[units == unit].sum() for unit in units])
+    is_force = np.char.endswith(units, "N")  # Also kN.
+    squares = np.where(is_force, _FORCE_VARIANCE * squares, fraction**2 * squares)
+    return np.maximum(squares, skill.tolerance * np.square(skill.scales_))

@@ -18,7 +18,7 @@ from fmp_drake.numeric import (
     one_blas_thread,
 )
 from fmp_drake.primitives.model.basis import closing_samples
-from fmp_drake.primitives.model.mapping import MappingPlan, start_variances
+from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 from fmp_drake.primitives.model.region import DemonstratedRegion, automatic_margin
 from fmp_drake.primitives.model.trajectory_mixture import check_skill
@@ -31,7 +31,7 @@ from fmp_drake.primitives.playback.motion import (
     make_segment,
     segment_motion,
 )
-from fmp_drake.primitives.playback.playback_state import PlaybackState
+from fmp_drake.primitives.playback.playback_state import PlaybackState, start_variances
 from fmp_drake.primitives.playback.trackers import LqrTracker, Tracker
 
 type Score = Callable[[Array], Array]

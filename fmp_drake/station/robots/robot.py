@@ -258,6 +258,7 @@ def AddRobot(
     'eraser'
     """
     check_type(config, "config", RobotConfig, error=StationError)
+    _CheckRobot(config)
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(models_dir() / "package.xml"))
     hint = (

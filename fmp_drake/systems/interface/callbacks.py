@@ -70,8 +70,7 @@ def check_frame(
     check_type(frame, what, Frame, error=error)
     if frame.GetParentPlant() is not plant:
         raise error(
-            f"{what} {frame.name()} is a frame of another plant; it must be one of the "
-            "plant that is given with it."
+            f"{what} {frame.name()} is a frame of another plant; give one of this plant."
         )
 
 

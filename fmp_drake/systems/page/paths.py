@@ -10,7 +10,7 @@ from pydrake.geometry import Meshcat, MeshcatAnimation, Rgba
 
 from fmp_drake.compiled import compiled
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array, finite_array
+from fmp_drake.numeric import Array, as_floats, finite_array
 from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import PLANE, Surface
 
@@ -220,10 +220,11 @@ def draw_demonstrations(
     """
     meshcat.Delete(path)
     for i, points in enumerate(demonstrations):
+        shape = ("N", 3) if np.size(points) else None
         draw_line(
             meshcat,
             f"{path}/{i}",
-            finite_array(points, "a path", ("N", 3), error=SystemsError),
+            as_floats(points, "a path", shape, error=SystemsError),
             color=DEMONSTRATION_COLOR,
             surface=surface,
         )
@@ -255,11 +256,11 @@ def AddPathToRecording(
     surface : Surface
         Of the board.
     """
-    seconds = finite_array(times, "the times", error=SystemsError)
-    line = finite_array(points, "the points", (seconds.size, 3), error=SystemsError)
     meshcat.Delete(path)
-    if len(seconds) < 2:
+    if np.size(times) < 2:
         return
+    seconds = finite_array(times, "the times", ("N",), error=SystemsError)
+    line = finite_array(points, "the points", (len(seconds), 3), error=SystemsError)
     animation = meshcat.get_mutable_recording()
     parts = int(np.clip(np.ceil((seconds[-1] - seconds[0]) / _PART), 1, _MAX_PARTS))
     edges = np.searchsorted(seconds, np.linspace(seconds[0], seconds[-1], parts + 1))

@@ -87,16 +87,25 @@ def read_npz_file(path: Path, options: ReadingOptions) -> list[Table]:
     table = table_of(path, {"time": time, "": values}, count=len(time))
     units = ("s",) if np.all(np.diff(time) == 1) else ()
     omissions = sorted(set(arrays) - {"time", name})
-    remarks = (f"{', '.join(omissions)} left out",) if omissions else ()
+    remarks = (f"{listed(omissions)} left out",) if omissions else ()
     return [replace(table, units=units, remarks=remarks, origin=origin)]
 
 
 def read_npy(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the columns of one array (N,), (N, D) or with named fields."""
-    hint = "; it must not hold Python objects, which may run code; save an array of numbers"
-    with readable(path, "a .npy file", hint=hint):
+    try:
         # Mapped: a truncated file is refused before memory is allocated.
         array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except Exception as reason:  # noqa: BLE001 - broken bytes raise anything.
+        is_pickled = "allow_pickle" in str(reason) or "Python objects" in str(reason)
+        message = (
+            "it holds Python objects, which may run code; save an array of numbers"
+            if is_pickled
+            else str(reason)
+        )
+        raise SkillFileError(
+            f"{path} is not a readable .npy file ({message})."
+        ) from None
     check_size(path, array.nbytes)
     names = array.dtype.names
     arrays = {name: array[name] for name in names} if names else {"": array}
@@ -229,6 +238,8 @@ def table_of(
     things alternate, those of the topic are read. Without `count`, N is found.
     """
     count = _sample_count(arrays) if count is None else count
+    if arrays and not count:
+        raise SkillFileError(f"{path} holds no samples.")
     arrays = _aligned(arrays, count)
     names, parts, omissions, remarks = [], [], [], []
     chosen: Mask | None = None
@@ -258,7 +269,7 @@ def table_of(
             f"{name}_{axis}" if name and array.ndim == 2 else name for axis in axes
         ]
         parts.append(columns)
-    if not parts or count == 0:
+    if not parts:
         raise SkillFileError(
             f"{path} holds {listed(omissions) or 'nothing'}; expected arrays of numbers, "
             "(N,) or (N, D)."
@@ -380,7 +391,8 @@ def _json_columns(path: Path, content: Mapping[str, Any]) -> dict[str, NDArray[A
     """Return the arrays of one recording in JSON; a list has the name ""."""
     values = dict(_flat(content))
     rows = values[""] if list(values) == [""] else []
-    if not isinstance(rows, list) or not all(isinstance(r, list | dict) for r in rows):
+    is_rows = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
+    if not (is_rows or _is_objects(rows)):
         raise SkillFileError(
             f"{path} holds neither objects nor lists of numbers; write an object in each "
             f"line, such as {_JSON_LINE}."

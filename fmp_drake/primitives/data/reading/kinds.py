@@ -103,7 +103,7 @@ def _reader_of_archive(path: Path) -> _Reader:
 
 def _read_packed(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the tables in a gzip file, or in a zip archive of one file."""
-    with readable(path, "an archive"):
+    with readable(path, "a packed file"):
         name, content = _unpacked(path)
     check_size(path, len(content))
     with tempfile.TemporaryDirectory() as folder:
