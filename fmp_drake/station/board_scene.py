@@ -1,7 +1,8 @@
 """Scene of every station: arm, eraser and whiteboard."""
 
 import math
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -138,8 +139,9 @@ def AddBoardScene(
     """
     check_type(scenario, "scenario", Scenario, error=StationError)
     start = finite_array(start, "start", (3,), error=StationError)
-    scenario.check()
-    replace(scenario, start=start.tolist()).check()
+    started = copy(scenario)
+    started.start = start.tolist()
+    started.check()
     if not simulated and scenario.board.motion.amplitude > 0:
         raise StationError(
             f"board.motion.amplitude is {scenario.board.motion.amplitude} m; the motion "

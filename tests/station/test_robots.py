@@ -396,6 +396,15 @@ def test_values_of_joints_are_in_their_order_on_the_arm(tmp_path):
     ]
 
 
+def test_misspelled_settings_of_a_robot_and_a_scenario_are_refused():
+    config, scenario = LoadRobot("panda"), LoadScenario("table_top")
+    config.modle, scenario.tempo = "panda.urdf", 0.5
+    with pytest.raises(StationError, match="there is no modle: RobotConfig has descr"):
+        AddRobot(MultibodyPlant(time_step=0.001), config)
+    with pytest.raises(StationError, match="there is no tempo: Scenario has "):
+        AddBoardScene(DiagramBuilder(), scenario, start=[0.0, 0.0, 0.1])
+
+
 def test_a_name_in_place_of_a_robot_or_a_scenario_is_refused_with_the_expected_type():
     with pytest.raises(StationError, match=r"config is 'panda'; .* RobotConfig"):
         AddRobot(MultibodyPlant(time_step=0.001), "panda")
