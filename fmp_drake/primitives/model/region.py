@@ -1,6 +1,5 @@
 """Region around the demonstrated paths."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -136,30 +135,19 @@ class DemonstratedRegion:
             remaining = remaining[~fits]
         return fractions
 
-    def largest_channel_fractions(
-        self,
-        steady: Array,
-        deviations: Array,
-        *,
-        others: float = 1.0,
-        channels: Sequence[int] | None = None,
-    ) -> Array:
+    def largest_channel_fractions(self, steady: Array, deviations: Array) -> Array:
         """Return the largest parts of the deviations of each channel, shape (S, D).
 
-        They are the `largest_fractions` of the deviations. Those of channels that are not
-        among `channels` (those in m where None) are first multiplied by `others`. Channels
-        without metres get as much as keeps them in their range, too.
+        They are the `largest_fractions`, and of channels without metres at most what keeps
+        them in their range.
         """
-        most = np.full(deviations.shape[2], others)
-        most[self._channels if channels is None else list(channels)] = 1.0
-        fractions = self.largest_fractions(steady, deviations * most)[:, None]
-        parts = fractions * most
+        fractions = self.largest_fractions(steady, deviations)[:, None]
+        parts = np.repeat(fractions, deviations.shape[2], axis=1)
         among = (..., self._other_channels)
         change, before = deviations[among], steady[among]
         room = self._most - (before - self._middle) * np.sign(change)
         room = np.maximum(room, 0.0) / np.maximum(np.abs(change), _LEAST_DEVIATION)
-        bound = np.minimum(fractions, most[self._other_channels])
-        parts[among] = np.minimum(bound, room.min(axis=1))
+        parts[among] = np.minimum(fractions, room.min(axis=1))
         return parts
 
 

@@ -376,10 +376,10 @@ class Player:
         stay in the region up to the next re-mapping, or leave it hardly farther than
         the mean does. The first sample after which the next window's mean also stays
         inside is tracked: otherwise the speed at the end of a window may carry the
-        movement out. With a score, samples are also moved away from the mean, as far as
-        the region allows, because the best samples often lie at its boundary. They are
-        moved by up to 1.5 times their difference from the mean, or 3 times that from
-        the cycle of a phase model, of which only the `scored` channels are moved away.
+        movement out. With a score, the `scored` channels of samples are also moved away
+        from the mean, as far as the region allows, because the best samples often lie at
+        its boundary: by up to 1.5 times their difference from the mean, or 3 times that
+        from the cycle of a phase model.
 
         Parameters
         ----------
@@ -391,7 +391,7 @@ class Player:
             Returns the scores (S,) of S samples from their values (S, N, D) at the ticks up
             to the next re-mapping. Samples with greater scores are tried first.
         scored : sequence of int, optional
-            Channels on which the score depends: those in m where None.
+            Channels on which the score depends: all where None.
 
         Examples
         --------
@@ -415,8 +415,10 @@ class Player:
         centre, deviation = skill.draw(state.component, rng, count, past=past)
         if region is None and score is None:
             return self._tracking(state, centre[0] + deviation[0])
-        widening = 1.0 if region is None or score is None else _WIDENING[skill.model_]
-        deviation *= widening
+        if region is not None and score is not None:
+            widened = deviation.reshape(len(deviation), skill.n_channels_, -1)
+            channels = slice(None) if scored is None else list(scored)
+            widened[:, channels] *= _WIDENING[skill.model_]
         if skill.phase_model_ is not None:
             # The last candidate is the expected window, which was checked to stay inside.
             expected = skill.expected(state.component, past)
@@ -427,10 +429,7 @@ class Player:
         ticks = skill.overlap - 1 + self.ticks_between_remaps - state.step
         steady, values = steady[..., :ticks, :], values[:, :ticks]
         if region is not None:
-            others = 1.0 if skill.phase_model_ is None else 1 / widening
-            parts = region.largest_channel_fractions(
-                steady, values, others=others, channels=scored
-            )
+            parts = region.largest_channel_fractions(steady, values)
             deviation *= np.repeat(parts, skill.n_steps, axis=1)
             values *= parts[:, None]
         values += steady
