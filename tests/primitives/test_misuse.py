@@ -59,6 +59,10 @@ FRAME = SimpleNamespace(columns=["time", "x"])
 WRONG = {
     "no rate": (lambda: fit(CIRCLES), r"no times.*\(rate=50\).*time=time"),
     "no rate after clone": (lambda: clone(NOT_FITTED).fit(CIRCLES), r"\(rate=50\)"),
+    "1 kHz": (
+        lambda: fit(np.repeat(CIRCLES, 10, axis=0), rate=1000),
+        r"4 s at 1000 Hz .* 4000 samples .*len\(array\)\) / 1000, values=array\)",
+    ),
     "transposed": (lambda: fit(CIRCLES.T, rate=20), r"\(array\.T\), of shape \(400, 3"),
     "transposed values": (lambda: recording(values=CIRCLES.T), r"Give values\.T"),
     "NaN": (lambda: fit(WITH_NAN, rate=20), r"3 NaN .* the first in sample 7; remove"),

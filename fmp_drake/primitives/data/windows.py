@@ -30,6 +30,8 @@ UNSTATED_RATE = UnstatedRate(DEFAULT_RATE)
 _WHAT = "the windows (or give a Demonstration, or a list of them)"
 # Most channels of an array that is transposed by mistake.
 _MOST_CHANNELS = 16
+# Most values in a window; a mixture of windows of 4500 takes half a minute to learn.
+_MOST_VALUES = 6000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -297,6 +299,7 @@ def as_windows(
         recordings = [part for parts in split for part in parts]
         first = np.array([X[i].time[0] for i in sources])
         resampled = [part.resample(rate).values for part in recordings]
+        _check_size(min(n_steps, max(map(len, resampled))), resampled[0].shape[1], rate)
         cut = [sliding_windows(y, n_steps=n_steps, stride=stride) for y in resampled]
         counts = [len(windows) for windows in cut]
         if sum(counts) < at_least:
@@ -326,6 +329,18 @@ def as_windows(
             f"there are {len(values)} windows; at least {at_least} are needed."
         )
     return Windows(values=values, example=None)
+
+
+def _check_size(n_steps: int, channels: int, rate: float) -> None:
+    """Refuse windows that take many minutes to learn, such as those of 1 kHz."""
+    if n_steps * channels > _MOST_VALUES:
+        raise DemonstrationError(
+            f"a window of {n_steps / rate:.3g} s at {rate:g} Hz has {n_steps} samples of "
+            f"{channels} channels, in all more than {_MOST_VALUES} values; choose a lower "
+            "rate or shorter windows. Without a rate, FourierMovementPrimitive() learns at "
+            f"{DEFAULT_RATE:g} Hz, also from an array with times: "
+            f"Demonstration(time=np.arange(len(array)) / {rate:g}, values=array)."
+        )
 
 
 def weighted_windows(

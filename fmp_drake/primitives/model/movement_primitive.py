@@ -104,9 +104,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         Samples between the starts of two windows; a sixtieth of a window (2 samples of
         120) where None.
     rate : float
-        Samples per second (Hz); demonstrations are resampled to it. A mixture at 1 kHz takes
-        minutes to learn: give an array as ``Demonstration(time=time, values=array)``, which
-        is resampled to 20 Hz.
+        Samples per second (Hz); demonstrations are resampled to it. A window has at most
+        6000 values: give an array at 1 kHz as ``Demonstration(time=time, values=array)``,
+        which is resampled to 20 Hz.
     n_components : int or "automatic"
         M, Gaussians in the mixture. "automatic": 80, or fewer where the recordings are
         short: one for each 7 windows, at least 5. It is an upper limit for the phase
