@@ -53,13 +53,21 @@ def moving(v, *, samples=80, q=0.5):
     )
 
 
-def deviation(motion, *, force=50.0, felt=FELT, limits=LIMITS, lead=0.0, **changes):
+def deviation(
+    motion, *, force=50.0, felt=FELT, limits=LIMITS, lead=0.0, damping=0.0, **changes
+):
     """Return pose and force; the posture of joint 4 is ahead of the motion by `lead`, rad."""
     contact, posture = FeltContact(force, felt), motion.q[0, 0].copy()
     posture[3] += lead
     config = ImpedanceConfig(**changes)
     return predict_deviation(
-        config, limits, motion, contact, q_posture=posture, step=STEP
+        config,
+        limits,
+        motion,
+        contact,
+        q_posture=posture,
+        step=STEP,
+        joint_damping=damping,
     )
 
 
@@ -155,6 +163,17 @@ def test_a_limit_spring_turns_the_tool_where_the_posture_is_beyond_it(side, lead
     expected = side * depth * spring / (2 * K)
     assert (abs(expected) > 0.02) == (lead > 0)
     assert found.pose[0, -1, 0] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("v", [0.5, -0.5])
+def test_the_damping_of_a_joint_holds_the_eraser_back(v):
+    # Joint 4 has 20 Nm s/rad: springs and felt bear the parts of its torque along their axes.
+    damping = np.zeros(N)
+    damping[3] = 20.0
+    found = deviation(moving(v, samples=200), damping=damping)
+    along, normal = 20.0 * v * np.array([np.cos(ANGLE), np.sin(ANGLE)])
+    assert found.pose[0, -1, 3] == pytest.approx(along / 1500.0, rel=1e-3)
+    assert found.force[0, -1] == pytest.approx(normal, rel=0.01)
 
 
 def test_joints_without_limits_are_braked_by_their_speed():

@@ -430,6 +430,26 @@ def test_a_tool_that_joints_take_off_its_path_is_refused(
         assert f"{text} the tool is off its path {words}" in found.verdict
 
 
+@pytest.mark.parametrize("damping", [10.0, 0.5])
+def test_joints_that_are_damped_are_named_and_a_tempo_by_their_lag(
+    predicted, restless_skill, monkeypatch, damping
+):
+    """As of an arm whose lag is proportional to its tempo, 17 mm as demonstrated."""
+    monkeypatch.setattr(board_reach, "joint_damping", lambda _: np.full(7, damping))
+
+    def lagging(_config, _limits, motion, *_, joint_damping, **__):
+        assert_allclose(joint_damping, damping if damping > 0.5 else 0.0)
+        return deviation_of(motion, lag=0.0017 / predicted.asked[-1]["step"])
+
+    monkeypatch.setattr(board_reach, "predict_deviation", lagging)
+    found = CheckFeasibility(Scenario(), restless_skill)
+    words = (
+        "joints are damped by up to 10 Nm s/rad in the robot's model, braked, nearly"
+    )
+    assert (words in found.verdict) == (damping > 0.5)
+    assert found.suggested_tempo == (0.35 if damping > 0.5 else None)
+
+
 @pytest.mark.usefixtures("predicted")
 @pytest.mark.parametrize(("lag", "is_feasible"), [(0.0025, False), (0.0023, True)])
 def test_deviation_and_friction_share_the_tolerance(
@@ -619,8 +639,9 @@ def test_force_of_a_skill_counts_between_none_and_its_largest_one(predicted):
 def test_normal_force_that_braked_joints_disturb_is_refused(
     predicted, restless_skill, monkeypatch, count, is_feasible
 ):
-    def error(_config, _limits, motion, contact, *, q_posture, step):
+    def error(_config, _limits, motion, contact, *, q_posture, step, joint_damping):
         assert contact.force == 10.0
+        assert not np.any(joint_damping)  # The Panda's is slight.
         # The felt of 0.12 by 0.05 m² has its modulus at half of its thickness of 0.03 m.
         assert contact.stiffness == pytest.approx(1.25e4 * 0.006 / 0.015)
         assert q_posture.shape == motion.q.shape[2:]

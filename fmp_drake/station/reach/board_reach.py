@@ -29,12 +29,14 @@ from fmp_drake.station.robots.robot import (
 )
 from fmp_drake.station.robots.stability import CheckStability
 from fmp_drake.station.scenario import Scenario
-from fmp_drake.systems.interface.arm_model import joint_limits
+from fmp_drake.systems.interface.arm_model import joint_damping, joint_limits
 from fmp_drake.systems.surface.surface import PLANE, Surface, place, rotations
 from fmp_drake.systems.surface_monitor import along, clearances, moved
 
 # Edge of a cell of the reachable board, m, and largest number of cells along an edge.
 _CELL, _MAX_CELLS = 0.02, 40
+# Viscous damping of a joint that holds the eraser back by less than 1 mm, Nm s/rad.
+_SLIGHT_DAMPING = 0.5
 # Candidate moves of the board, m, and stride of the samples of their paths.
 _MOVES, _STRIDE = (0.05, 0.10, 0.15, 0.20, 0.30, 0.40), 2
 LONGEST_MOVE = _MOVES[-1]
@@ -180,6 +182,8 @@ class BoardReach:
     ----------
     limits : JointLimits
         The arm's.
+    damping : array, shape (n,)
+        Viscous damping of the arm's joints in its model, Nm s/rad; 0 where it is slight.
     rail : array, shape (3,)
         Vector from the middle of a moving board's rail to its end, in B, m.
     """
@@ -199,8 +203,20 @@ class BoardReach:
         self._clearance = ArmClearance(config)
         self._p_WBase = np.array(config.base_pose.translation)
         self.limits = joint_limits(model.plant)
+        damping = joint_damping(model.plant)
+        self.damping = np.where(damping > _SLIGHT_DAMPING, damping, 0.0)
         self.rail = scenario.board.motion.amplitude * scenario.board.rail_axis()
         self._surface = scenario.board.curvature()
+
+    @property
+    def hindrance(self) -> str:
+        """What may hinder the joints: text of a verdict."""
+        words = "braked, nearly singular or at their limits"
+        if largest := np.max(self.damping):
+            words = (
+                f"damped by up to {largest:g} Nm s/rad in the robot's model, {words}"
+            )
+        return words
 
     def start_posture(self) -> Array:
         """Return the posture of a station at the start, shape (n,).
@@ -386,7 +402,7 @@ class BoardReach:
     ) -> Deviation:
         """Predict the deviation from a motion with a desired normal force, N.
 
-        The parameters are those of `predict_deviation`.
+        The other parameters are those of `predict_deviation`.
         """
         return predict_deviation(
             self._scenario.impedance,
@@ -395,6 +411,7 @@ class BoardReach:
             self._contact._replace(force=force),
             q_posture=q_posture,
             step=step,
+            joint_damping=self.damping,
         )
 
     def force_error(

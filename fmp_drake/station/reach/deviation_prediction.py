@@ -1,4 +1,4 @@
-"""Prediction of deviations where joints are braked, and near singularities."""
+"""Prediction of deviations where joints are braked or damped, and near singularities."""
 
 from typing import NamedTuple
 
@@ -44,13 +44,14 @@ def predict_deviation(
     *,
     q_posture: Array,
     step: float,
+    joint_damping: Array | float = 0.0,
 ) -> Deviation:
     """Predict pose and normal force where the law cannot follow the motion.
 
     The deviations δ, predicted minus actual positions of the joints, obey the closed loop,
     ``M δ̈ + (Jᵀ D J + 2 ζ ω N) δ̇ + (Jᵀ K J + ω² N) δ = τ + N (q̈ − a)`` with
     ``N = M − Jᵀ Λ J``. τ is the torque of `wall_torque` that brakes a joint above its
-    allowed speed and keeps it out of its limits. Near a singularity the law bounds Λ and
+    allowed speed and keeps it out of its limits, and of the damping of the joints. Near a singularity the law bounds Λ and
     accelerates the eraser too little, which is the term N (q̈ − a): q is the predicted
     motion, and a the acceleration of the posture. The same holds where other joints should
     compensate for one at its limit. K contains the felt along the normal, as long as there
@@ -68,6 +69,8 @@ def predict_deviation(
         The controller's posture, rad.
     step : float
         Time from sample to sample, s.
+    joint_damping : array, shape (n,), or float
+        Viscous damping of the joints, for which nothing compensates, Nm s/rad.
     """
     shape, walls = motion.q.shape[:2], config.walls
     deviation = Deviation(np.zeros((*shape, 6)), np.zeros(shape))
@@ -81,14 +84,15 @@ def predict_deviation(
     edge = np.minimum(limits.half_range, _FAR) - walls.width
     at_wall = np.abs(x) >= edge - 1e-6
     paths = is_braked | np.any(inertia > config.max_effective_mass, axis=1)
-    paths |= np.any(at_wall, axis=(1, 2))
+    paths |= np.any(at_wall, axis=(1, 2)) | np.any(joint_damping)
     if not np.any(paths):
         return deviation
     M, J, v, q = motion.M[paths], motion.J[paths], motion.v[paths], motion.q[paths]
     x, slowest, fastest = x[paths], slowest[paths], fastest[paths]
     damping, stiffness, N = _closed_loop(config, M, J, mobility[paths])
     missing = np.gradient(v, step, axis=1) - _posture(config, q_posture - q, v)
-    missing = times(N, missing)
+    missing = times(N, missing) + joint_damping * v
+    damping = damping + np.eye(v.shape[-1]) * joint_damping
     brake = np.diagonal(M, axis1=-2, axis2=-1) / walls.braking_time
     # As in `wall_torque`: at its end a spring has twice the strength of the motor.
     strength = np.minimum(limits.upper_effort, -limits.lower_effort)

@@ -53,11 +53,11 @@ class Feasibility:
         joint at its limit spring; ``smallest_manipulability`` (sqrt det J Jᵀ, m³);
         ``smallest_clearance`` of the arm's links from the board (m);
         ``largest_speed_ratio`` and ``largest_torque_ratio`` to the joints' limits;
-        ``deviation`` (rms, m) of the eraser where joints are braked or at their limits, or
-        the arm is nearly singular; ``friction_lag`` of the eraser (rms, m); the predicted
-        ``tracking_error`` (rms, m); ``force_error`` (rms, N), and ``unsteady_fraction`` of
-        the samples at which such joints and poses out of reach change the normal force by
-        more than 5 N; ``push_deviation``, the height to which scripted pushes lift the
+        ``deviation`` (rms, m) of the eraser where joints are damped, braked or at their
+        limits, or the arm is nearly singular; ``friction_lag`` of the eraser (rms, m); the
+        predicted ``tracking_error`` (rms, m); ``force_error`` (rms, N), and
+        ``unsteady_fraction`` of the samples at which such joints and poses out of reach
+        change the normal force by more than 5 N; ``push_deviation``, the height to which scripted pushes lift the
         eraser off the board (m); the ``largest_tempo`` at which no joint is braked, and the
         ``largest_press`` (N) that friction and the joints' torques allow.
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
@@ -250,9 +250,8 @@ class _Check:
         values |= self._judge_speed(motion)
         values |= self._judge_force(motion)
         error = reach.force_error(motion, deviation, self._paths)
-        values |= self._judge_deviation(
-            lag, turn, error, float(values["largest_tempo"])
-        )
+        tempo = float(values["largest_tempo"])
+        values |= self._judge_deviation(lag, turn, error, tempo)
         values |= self._judge_pushes(motion)
         speed, torque = values["largest_speed_ratio"], values["largest_torque_ratio"]
         braked = ", at which joints are braked," if speed > 1 else ""
@@ -512,8 +511,9 @@ class _Check:
         elif has_board and values["force_error"] > allowed:
             text = f"the normal force is off by {values['force_error']:.1f} N rms"
         if text:
-            cause = "joints are braked, nearly singular or at their limits, and "
-            self._faults.append(cause + text)
+            self._faults.append(f"joints are {self._reach.hindrance}, and {text}")
+            if np.any(self._reach.damping):  # Its force is proportional to the tempo.
+                tempo = min(tempo, self._tempo * self._most_error / (distance + 1e-9))
             self._slower, self._is_disturbed = min(tempo, self._tempo), True
         return values
 

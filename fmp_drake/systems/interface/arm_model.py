@@ -115,6 +115,14 @@ def joint_limits(plant: MultibodyPlant) -> JointLimits:
     )
 
 
+def joint_damping(plant: MultibodyPlant) -> Array:
+    """Return the viscous damping of an arm's joints, shape (n,), Nm s/rad."""
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices()]
+    joints = [joint for joint in joints if joint.num_velocities()]
+    joints.sort(key=lambda joint: joint.velocity_start())
+    return np.concatenate([joint.default_damping_vector() for joint in joints])
+
+
 def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
     """Raise an error for a plant that is not one fully actuated arm with an end effector."""
     check_type(plant, "plant", MultibodyPlant, error=SystemsError)
@@ -139,7 +147,8 @@ def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
         raise SystemsError(
             f"The controller's plant must have one actuator for each of its {n} joints, "
             f"in their order {', '.join(joint.name() for joint in joints)}; it has "
-            f"{len(actuated)}{listed}."
+            f"{len(actuated)}{listed}. Write them in this order, as the transmissions of a "
+            "URDF."
         )
     if plant.num_constraints():
         raise SystemsError(
