@@ -8,11 +8,12 @@ from rich.table import Table
 from rich.text import Text
 
 from fmp_drake.apps.page import make_console, print_next
-from fmp_drake.errors import StationError
+from fmp_drake.errors import FmpError, StationError
 from fmp_drake.station.reach.posture import FindLevelReach
 from fmp_drake.station.robots.robot import ListRobots, LoadRobot, MakeRobotModel
 from fmp_drake.station.robots.stability import CheckStability
 from fmp_drake.systems import ImpedanceConfig
+from fmp_drake.systems.interface.arm_model import ArmModel
 
 
 @click.command()
@@ -30,8 +31,9 @@ def robots(files: tuple[str, ...]) -> None:
         scene_graph = SceneGraph() if files else None
         robot = MakeRobotModel(config, scene_graph=scene_graph)
         try:
+            ArmModel(robot.plant, robot.tip)
             CheckStability(robot, ImpedanceConfig())
-        except StationError as error:
+        except FmpError as error:
             problems.append(str(error))
         context = robot.plant.CreateDefaultContext()
         mass = robot.plant.CalcTotalMass(context, [robot.arm])

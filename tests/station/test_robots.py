@@ -27,8 +27,10 @@ from fmp_drake.station.robots.robot import (
     CollectCollisionSpheres,
     FilterSelfContact,
     MakeRobotModel,
+    RobotConfig,
 )
 from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.systems.interface.arm_model import joint_damping
 
 ARMS = ("panda", "iiwa14", "ur5e")
 HALF = np.pi / 2
@@ -361,6 +363,11 @@ WORLD = """<link name="world"/><joint name="fixed_base" type="fixed">
             {},
             "loose is joined neither to ur5e_.* fixed joint",
         ),
+        (
+            {'<robot name="[^"]*"': '<robot name="eraser"'},
+            {},
+            "already has a model named eraser, .* <robot> in a URDF",
+        ),
         ({}, {"posture": [9.0, 0, 0, 0, 0, 0]}, "9 for ur5e_joint1, whose range is -6"),
     ],
 )
@@ -369,6 +376,19 @@ def test_a_model_that_does_not_fit_its_file_is_refused_with_what_to_do(
 ):
     with pytest.raises(StationError, match=message):
         MakeRobotModel(LoadRobot(_own(tmp_path, changes, **fields)))
+
+
+def test_a_file_of_nested_models_is_refused_with_their_names(tmp_path):
+    (tmp_path / "two.sdf").write_text(
+        '<sdf version="1.9"><model name="cell"><link name="floor"/><model name="arm">'
+        '<link name="base"/></model></model></sdf>'
+    )
+    config = RobotConfig(
+        model=f"{tmp_path}/two.sdf", base="b", flange="f", posture=[0.0]
+    )
+    words = r"^two\.sdf cannot be read: it has 2 models \(cell, cell::arm\); put all"
+    with pytest.raises(StationError, match=words):
+        MakeRobotModel(config)
 
 
 def test_error_in_the_file_of_a_robot_names_this_file_only(tmp_path):
@@ -394,6 +414,18 @@ def test_values_of_joints_are_in_their_order_on_the_arm(tmp_path):
     assert [inertias[f"ur5e_joint{i}"] for i in range(1, 7)] == [
         *(0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
     ]
+
+
+def test_damping_of_an_own_model_is_read_in_the_order_of_the_joints(tmp_path):
+    values = iter("123456")
+    file = _own(
+        tmp_path, {"(<joint [^>]*revolute[^>]*>)": r'\1<dynamics damping="?"/>'}
+    )
+    text = (tmp_path / "own.urdf").read_text()
+    text = re.sub(r"damping=.\?", lambda _: f'damping="{next(values)}', text)
+    (tmp_path / "own.urdf").write_text(text)
+    found = joint_damping(MakeRobotModel(LoadRobot(file)).plant)
+    assert_allclose(found, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
 
 
 def test_misspelled_settings_of_a_robot_and_a_scenario_are_refused():

@@ -147,6 +147,11 @@ def AddModel(
     frames : mapping of str to float
         Names of frames, and their z in the link, m.
     """
+    if plant.HasModelInstanceNamed(model):
+        raise StationError(
+            f"the plant already has a model named {model}, as a station names its own; "
+            "choose another name for yours, such as that of <robot> in a URDF."
+        )
     instance = plant.AddModelInstance(model)
     body: Any = plant.AddRigidBody(link, instance, _six_digits(inertia))
     for name, height in frames.items():

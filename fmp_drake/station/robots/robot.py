@@ -269,7 +269,7 @@ def AddRobot(
         for folder in Path(config.model).absolute().parents[:3]:
             if (folder / "package.xml").is_file() and folder != models_dir():
                 parser.package_map().AddPackageXml(str(folder / "package.xml"))
-        (arm,) = parser.AddModels(config.model)
+        arm = _AddOneModel(parser, config.model)
     motors = _CheckModel(plant, arm, config)
     if config.reflected_inertia:
         inertias = np.broadcast_to(config.reflected_inertia, len(motors))
@@ -288,6 +288,23 @@ def AddRobot(
         config.mount.transform(),
     )
     return Robot(config=config, plant=plant, arm=arm, tool=tool_instance, tip=tip)
+
+
+def _AddOneModel(parser: Parser, file: str) -> ModelInstanceIndex:
+    """Add the only model of a file.
+
+    Raises
+    ------
+    StationError
+        Where it has several, such as nested ones.
+    """
+    models = parser.AddModels(file)
+    if len(models) != 1:
+        names = ", ".join(map(parser.plant().GetModelInstanceName, models))
+        raise StationError(
+            f"it has {len(models)} models ({names}); put all links and joints into one."
+        )
+    return models[0]
 
 
 def _CheckModel(
@@ -424,7 +441,7 @@ def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Fram
     with in_one_line(
         f"{tool} is not a tool, one rigid model with the frames mount and tip"
     ):
-        (model,) = Parser(plant).AddModels(str(file))
+        model = _AddOneModel(Parser(plant), str(file))
         frames = {plant.get_frame(i).name() for i in plant.GetFrameIndices(model)}
         if missing := {"mount", "tip"} - frames:
             raise StationError(
