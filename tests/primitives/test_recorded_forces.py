@@ -291,7 +291,9 @@ def test_a_force_of_another_time_is_refused(make, message, tmp_path):
         read_demonstrations(make(tmp_path))
 
 
-@pytest.mark.parametrize("name", ["f", "ft_raw", "force_torque", "ee_force_torque"])
+@pytest.mark.parametrize(
+    "name", ["f", "ft_raw", "ft_sensor", "force_torque", "ee_force_torque"]
+)
 def test_six_numbers_of_a_sensor_are_a_force_and_a_torque(name, tmp_path):
     arrays = {"time": files.TIME, "ee_pos": files.PATH}
     wrench = np.hstack([files.FORCE, files.PATH])

@@ -461,3 +461,28 @@ def test_quaternions_in_rows_of_their_own_must_be_unit_quaternions(tmp_path):
     text = "\n".join(["time,x,y,z,qx,qy,qz,qw", *lines])
     with pytest.raises(FmpError, match="not unit quaternions"):
         read(files.write(tmp_path, text).path)
+
+
+@pytest.mark.parametrize(
+    ("name", "array"),
+    [
+        ("quat_wxyz", np.roll(QUATERNIONS, 1, axis=1)),
+        ("ee_quaternion_xyzw", QUATERNIONS),
+        ("rotation", TURNS.as_matrix()),
+        ("ee_rotation_matrix", TURNS.as_matrix()),
+        ("R", TURNS.as_matrix()),
+    ],
+)
+def test_a_name_that_tells_the_order_and_matrices_need_no_option(name, array, tmp_path):
+    path = tmp_path / "d.npz"
+    np.savez(path, time=files.TIME, ee_position=files.PATH, **{name: array})
+    found, remarks = read(path)
+    assert_pose(found)
+    assert "--quaternions" not in remarks
+
+
+def test_other_nine_numbers_are_no_orientation(tmp_path):
+    path, numbers = tmp_path / "d.npz", np.ones((len(files.TIME), 9))
+    np.savez(path, time=files.TIME, ee_position=files.PATH, rotation=numbers)
+    found, _ = read(path)
+    assert "rx" not in found.channels

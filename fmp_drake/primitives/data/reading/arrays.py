@@ -139,13 +139,13 @@ def _aligned(arrays: Mapping[str, NDArray[Any]], count: int) -> dict[str, NDArra
     """Return arrays with the `count` samples along the first axis: (N,), (N, k).
 
     Arrays (1, N) and (N, 1) become (N,), matrices (N, 4, 4) and (N, 1, 4, 4) become
-    (N, 16), and matrices (N, 3, 4) become (N, 12).
+    (N, 16), and matrices (N, 3, 4) and (N, 3, 3) become (N, 12) and (N, 9).
     """
     aligned = {}
     for name, array in arrays.items():
         if array.shape[1:] == (1, 4, 4):
             array = array[:, 0]
-        if array.shape[1:] in ((3, 4), (4, 4)):
+        if array.shape[1:] in ((3, 3), (3, 4), (4, 4)):
             array = array.reshape(len(array), -1)
         if array.ndim == 2 and 1 in array.shape:
             array = array.ravel()
@@ -233,9 +233,10 @@ def table_of(
     """Return a table of arrays (N,) and (N, k) of equal length.
 
     The columns of an array (N, 3) are named `name_x` and so on, those of others `name_1`.
-    Matrices (N, 4, 4) have 16 columns, and (N, 3, 4) 12. Arrays of another length are left out. A rate (Hz),
-    given or found among the arrays, adds a column of times. Where the rows of several
-    things alternate, those of the topic are read. Without `count`, N is found.
+    Matrices (N, 4, 4) have 16 columns, (N, 3, 4) 12 and (N, 3, 3) 9. Arrays of another length
+    are left out. A rate (Hz), given or found among the arrays, adds a column of times. Where
+    the rows of several things alternate, those of the topic are read. Without `count`, N is
+    found.
     """
     count = _sample_count(arrays) if count is None else count
     if arrays and not count:

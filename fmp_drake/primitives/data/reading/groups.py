@@ -16,10 +16,14 @@ _NUMBERED = re.compile(r"(.*?)_?(\d+)")
 # Last words of the names before the numbers.
 _POSITIONS = re.compile(r"(.*_)?(p|pos|positions?|translations?|points?|xyz)")
 _QUATERNIONS = re.compile(r"(.*_)?(q|quats?|quaternions?|orientations?|rot|rotations?)")
+_ORDER = re.compile(r"(.*?)_?(xyzw|wxyz)")
+_MATRICES = re.compile(
+    r"(.*_)?(r|rot|rotations?|orientations?|rotm|matri(x|ces)|rotmat)"
+)
 _JOINTS = re.compile(r"(.*_)?(q|qpos|joints?|joint_positions?|theta|angles?)")
 # Force and torque. Universal Robots: a position and a rotation vector. ROS: joint states.
 _WRENCH = re.compile(
-    r"(.*?)_?(force_torque|force|wrench|ft|(?<![a-z0-9])f|f_ext_hat_k)(?:_raw)?"
+    r"(.*?)_?(force_torque|force|wrench|ft|(?<![a-z0-9])f|f_ext_hat_k)(?:_raw|_sensor)?"
 )
 _CARTESIAN = re.compile(r"(.*_)?(cart|cartesian|ee|eef|tcp|tool|flange|pose)_")
 _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
@@ -30,6 +34,7 @@ _RATES_OF_JOINTS = ("velocity", "effort")
 # Greatest error of a quaternion's length, where the name does not say that it is a
 # quaternion, and where it does.
 _EXACT, _STATED = 1e-3, 0.1
+_LAST_ROW = (0.0, 0.0, 0.0, 1.0)  # Of a 4 x 4 matrix.
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -51,8 +56,8 @@ def column_groups(
 ) -> Iterator[Group]:
     """Yield the groups among the columns of a table.
 
-    The last row of a 4 x 4 matrix shows whether it is stored by rows or by columns. 3 x 4
-    matrices, without that row, are stored by rows.
+    The last row of a 4 x 4 matrix shows whether it is stored by rows or by columns. 3 x 3 and
+    3 x 4 matrices, without that row, are stored by rows.
 
     Parameters
     ----------
@@ -88,6 +93,8 @@ def column_groups(
             first = sources[count - 4]
             origin = table.names[first] or f"column {table.numbers[first]}"
             kind = "a force and a torque" if "N" in units else "a pose"
+            if len(labels) == 4:
+                kind = "an orientation"
             if len(labels) < 4 < count:
                 kind = "a position"
                 if not {*EULER_CHANNELS} & {*options.columns}:
@@ -162,8 +169,11 @@ def _recognise(
 
     None where nothing is recognised.
     """
-    count = values.shape[1]
-    order = [options.quaternion_order.index(axis) for axis in "xyzw"]
+    count, stated = values.shape[1], _ORDER.fullmatch(prefix)
+    letters = options.quaternion_order
+    if stated:
+        prefix, letters = stated[1], options.quaternions or stated[2]
+    order = [letters.index(axis) for axis in "xyzw"]
     stem = f"{prefix}_" if prefix else ""
     pose = [f"{stem}{name}" for name in _POSE]
     units = ["m"] * 3 + [""] * 4
@@ -171,7 +181,7 @@ def _recognise(
         return pose[:3], [""] * 3, values, False
     error = _STATED if "quat" in prefix else _EXACT
     if count == 4 and _QUATERNIONS.fullmatch(prefix) and _is_unit(values, error):
-        return [f"{stem}{q}" for q in _POSE[3:]], [""] * 4, values[:, order], True
+        return [f"{stem}{q}" for q in _POSE[3:]], [""] * 4, values[:, order], not stated
     if count == 6 and (match := _WRENCH.fullmatch(prefix)):
         stem = f"{match[1]}_" if match[1] else ""
         names = [f"{stem}{k}_{a}" for k in ("force", "torque") for a in "xyz"]
@@ -186,10 +196,14 @@ def _recognise(
         return pose[:3], [""] * 3, values[:, :3], False
     if count == 7 and not _JOINTS.fullmatch(prefix) and _is_unit(values[:, 3:], _EXACT):
         numbers = np.hstack([values[:, :3], values[:, 3:][:, order]])
-        return pose, [""] * 7, numbers, True
+        return pose, [""] * 7, numbers, not stated
+    if count == 9 and _MATRICES.fullmatch(prefix):
+        values = np.insert(values, [3, 6, 9], 0.0, axis=1)
+        turns = _matrix_poses(np.hstack([values, np.tile(_LAST_ROW, (len(values), 1))]))
+        return None if turns is None else (pose[3:], [""] * 4, turns[:, 3:], False)
     if count == 12:
-        last = np.tile([0.0, 0.0, 0.0, 1.0], (len(values), 1))
-        values, count = np.hstack([values, last]), 16
+        values = np.hstack([values, np.tile(_LAST_ROW, (len(values), 1))])
+        count = 16
     if count == 16 and (poses := _matrix_poses(values)) is not None:
         return pose, units, poses, False
     return None
