@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
@@ -29,8 +30,11 @@ RADII = (0.05, 5.0)
 # Initial radii of the search, m.
 _STARTS = (0.15, 0.5, 2.0)
 _SAMPLES, _LEAST_SAMPLES = 1000, 20
-# Largest residual relative to the extent of the contact.
-_MOST_RESIDUAL = 0.2
+# Largest residual relative to the extent of the contact, and that of a remark, m.
+_MOST_RESIDUAL, _LARGE_RESIDUAL = 0.2, 0.01
+# Height of a lift beyond three residuals, and distance from the contact within which it tells
+# the side, m; samples that are needed. Least cosine between the tool's axis and the normal.
+_LIFTED, _ERRORS, _NEAR, _LEAST_LIFTED, _ALONG = 0.01, 3.0, 0.1, 4, 0.7
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,6 +57,9 @@ class FittedSurface:
     residuals : mapping from str to float
         Robust standard deviation of the distance from every shape that was tried, m: 1.48 times
         its median; infinite where the shape does not fit from this side.
+    side : str
+        How it is known on which side the tool is: `lifts`, `tool` (its z axis points into the
+        surface) or, where nothing tells, `up`.
     """
 
     shape: str
@@ -60,6 +67,7 @@ class FittedSurface:
     rotation: Array
     origin: Array
     residuals: Mapping[str, float]
+    side: str = "up"
 
     @property
     def residual(self) -> float:
@@ -91,11 +99,22 @@ class FittedSurface:
         return float(np.sqrt(np.sum(np.var(in_tool, axis=0))))
 
     def describe(self) -> str:
-        """Return the shape and the residuals in words."""
+        """Return in words the shape, the residuals, and what is uncertain about it."""
         radius = "" if self.shape == "plane" else f" of radius {self.radius:.3f} m"
         found = {k: r for k, r in self.residuals.items() if np.isfinite(r)}
         tried = ", ".join(f"{k} {1e3 * r:.1f}" for k, r in found.items())
-        return f"{self.shape}{radius} fitted to the contact (residuals in mm: {tried})"
+        remarks = {
+            "lifts": "",
+            "tool": "; the tool is never lifted: its z axis is taken to point into the surface",
+            "up": "; the tool is never lifted: the surface is taken to be touched from above "
+            "(z of the recording), so record an approach, too, or choose --surface dome or bowl",
+        }[self.side]
+        if self.residual > _LARGE_RESIDUAL:
+            remarks += (
+                "; this is far: the contact may contain lifts, which a force or an orientation "
+                "tells (record it), or choose a part with --start-time and --end-time"
+            )
+        return f"{self.shape}{radius} fitted to the contact (residuals in mm: {tried}){remarks}"
 
 
 def fit_surface(
@@ -112,13 +131,16 @@ def fit_surface(
     a line on each of them, that over which the tool tilts far less is chosen. The loss is
     robust, so a few of the points may be lifts.
 
+    The normal points to the side of lifts, approach and retreat. Without these the tool's z
+    axis is taken to point into the surface if it is about normal to it; otherwise the normal
+    points up (z of D), unless the shapes fit better from below.
+
     Parameters
     ----------
     points : sequence of ndarray, shape (N, 3)
         Of each recording, in one frame D, m.
     touching : sequence of ndarray of bool, shape (N,)
-        Whether the tool touches. The normal points to the side of the other points, or
-        up (z of D) where there are none.
+        Whether the tool touches.
     tools : sequence of Rotation, optional
         Orientations R_DT of the tool at the points (N).
     shape : str, optional
@@ -148,20 +170,21 @@ def fit_surface(
         )
     step = len(contact) // _SAMPLES + 1
     sample = contact[::step]
-    up = _upwards(sample, others)
-    tried = [_fit(sample, s, up) for s in SHAPES if shape in (None, s) or s == "plane"]
-    residuals = {candidate.shape: candidate.residual for candidate in tried}
-    chosen = tried[0] if shape is None else tried[-1]
-    if shape is None:
-        # A radius at the end of the range is that of a plane with other errors.
-        tried = [tried[0], *(c for c in tried[1:] if c.radius < RADII[1] / 1.1)]
-        for candidate in tried[1:]:
-            if _is_better(candidate, chosen):
-                chosen = candidate
-        if tools:
-            held = [r[m] for r, m in zip(tools, touching, strict=True)]
-            tool = Rotation.concatenate(held)[::step]
-            chosen = _least_tilted(chosen, tried, sample, tool)
+    tool = None
+    if tools:
+        held = [r[m] for r, m in zip(tools, touching, strict=True)]
+        tool = Rotation.concatenate(held)[::step]
+    lifted = _lifted(contact, others)
+    frame = _upwards(sample, lifted)
+    chosen, residuals = _choose(sample, frame, shape, tool)
+    # The sphere of a dome is a bowl's from the other side: a given shape tells it, too.
+    pointing = tool if shape in (None, "plane") else None
+    side, evidence = _side(chosen, lifted, pointing)
+    if evidence <= 0:
+        other, their = _choose(sample, frame * [1.0, -1.0, -1.0], shape, tool)
+        of_other, opposite = _side(other, lifted, pointing)
+        if opposite > 0 or (evidence == opposite == 0 and _is_better(other, chosen)):
+            chosen, residuals, side = other, their, of_other
     limit = _MOST_RESIDUAL * 2 * extents[1] / np.sqrt(len(contact))
     if chosen.residual > limit:
         raise DemonstrationError(
@@ -170,7 +193,7 @@ def fit_surface(
             "the recording to the part that touches one surface, or learn it in free space "
             "(--as-recorded)."
         )
-    return _centred(chosen, contact, residuals)
+    return _centred(replace(chosen, side=side), contact, residuals)
 
 
 def front_axis(normal: Array) -> Array:
@@ -183,6 +206,51 @@ def front_axis(normal: Array) -> Array:
     forward = -np.sign(normal[0]) * np.eye(3)[2] if is_steep else np.eye(3)[0]
     x: Array = forward - (forward @ normal) * normal
     return x / np.linalg.norm(x)
+
+
+def _choose(
+    points: Array, up: Array, shape: str | None, tool: Rotation | None
+) -> tuple[FittedSurface, dict[str, float]]:
+    """Return the surface that fits from the side of z of a frame R_DS, and all residuals."""
+    tried = [_fit(points, s, up) for s in SHAPES if shape in (None, s) or s == "plane"]
+    residuals = {candidate.shape: candidate.residual for candidate in tried}
+    if shape is not None:
+        return tried[-1], residuals
+    # A radius at the end of the range is that of a plane with other errors.
+    chosen = tried[0]
+    tried = [chosen, *(c for c in tried[1:] if c.radius < RADII[1] / 1.1)]
+    for candidate in tried[1:]:
+        if _is_better(candidate, chosen):
+            chosen = candidate
+    if tool is not None:
+        chosen = _least_tilted(chosen, tried, points, tool)
+    return chosen, residuals
+
+
+def _lifted(contact: Array, others: Array) -> Array:
+    """Return those of the other points that are lifted, and preferably near the contact."""
+    if len(others) < _LEAST_LIFTED:
+        return others[:0]
+    others = others[:: len(others) // _SAMPLES + 1]
+    distance = KDTree(contact).query(others)[0]
+    is_lifted = distance > _LIFTED
+    is_near = is_lifted & (distance < _NEAR)
+    return others[is_near if is_near.sum() >= _LEAST_LIFTED else is_lifted]
+
+
+def _side(
+    fit: FittedSurface, lifted: Array, tool: Rotation | None
+) -> tuple[str, float]:
+    """Return what tells the side of the tool, and a number that is negative for the other."""
+    heights = fit.coordinates(lifted)[:, 2]
+    heights = heights[np.abs(heights) > _LIFTED + _ERRORS * fit.residual]
+    if len(heights) >= _LEAST_LIFTED:
+        return "lifts", float(np.mean(heights))
+    if tool is not None:
+        along = float(tool.apply([0.0, 0.0, 1.0]).mean(axis=0) @ fit.rotation[:, 2])
+        if abs(along) > _ALONG:
+            return "tool", -along
+    return "up", 0.0
 
 
 def _least_tilted(

@@ -83,6 +83,7 @@ def test_shape_radius_and_pose_of_a_noisy_surface_are_found(shape, lift):
     _, uvh, on, points = wiping(shape, lift=lift)
     fit = fit_surface([points], [on])
     assert fit.shape == shape
+    assert "the tool is never lifted" not in fit.describe()
     # 1 mm of noise over a patch of 0.24 m x 0.20 m: the radius to 3 %, the normal to 1
     # degree, the distance to 1 mm.
     if shape != "plane":
@@ -129,6 +130,31 @@ def test_shapes_that_share_the_path_are_told_by_the_tool(shape):
     fit = fit_surface([points], [on], tools=[tool])
     assert fit.shape == shape
     assert fit.tilt(points, tool) < np.radians(3)
+
+
+@pytest.mark.parametrize("shape", ["cylinder", "bowl"])
+@pytest.mark.parametrize(
+    "frame", [R_DS, Rotation.from_euler("x", 3.0)], ids=["up", "down"]
+)
+def test_side_of_a_surface_without_lifts_is_that_of_the_tool(shape, frame):
+    *_, points = wiping(shape, approach=False)
+    _, uvh, on, _ = wiping(shape, approach=False)
+    on = uvh[:, 0] < 0.08  # A weak force is not a lift.
+    points = frame.apply(R_DS.apply(points - P_DS, inverse=True))
+    into = Rotation.from_euler("x", np.pi)
+    tool = frame * Rotation.from_matrix(rotations(SURFACES[shape], uvh)) * into
+    fit = fit_surface([points], [on], tools=[tool])
+    assert fit.shape == shape
+    assert fit.radius == pytest.approx(RADII[shape], rel=0.05)
+    assert "its z axis is taken to point into the surface" in fit.describe()
+    if frame is R_DS:
+        fit = fit_surface([points], [on])
+        assert fit.shape == shape
+        assert "taken to be touched from above" in fit.describe()
+    if shape == "bowl":  # The sphere of a dome, from the other side.
+        every = np.ones(len(points), dtype=bool)
+        fit = fit_surface([points], [every], tools=[tool], shape="dome")
+        assert fit.residual < 0.002
 
 
 def test_weight_of_a_tool_is_no_contact():
@@ -629,6 +655,13 @@ def test_options_for_poses_and_forces_are_told_where_the_arrays_are_not_read(
     _, remarks = load_on_board([path], scenario=Scenario())
     options = "--surface fitted --extra orientation --extra force"
     assert f"{path.name}: to learn more of it: {options}" in remarks
+
+
+def test_contact_far_from_every_surface_is_remarked():
+    *_, on, points = wiping("plane", noise=0.015)
+    fit = fit_surface([points], [on])
+    assert fit.residual > 0.01
+    assert "the contact may contain lifts" in fit.describe()
 
 
 def test_surface_is_fitted_to_metres_only(tmp_path):
