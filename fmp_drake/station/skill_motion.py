@@ -28,12 +28,11 @@ from fmp_drake.station.tasks.task import Measurements
 from fmp_drake.station.tasks.wiping import BoardGrid
 from fmp_drake.systems import FourierPrimitiveSystem
 from fmp_drake.systems.ink.grid import CoverageChoice
-from fmp_drake.systems.task_motion import TaskMotion
+from fmp_drake.systems.task_motion import FRAME, POSITION, TaskMotion
 
-DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
+DESIRED = (*POSITION,)
 """Inputs of a controller, and outputs of a station with a skill."""
 
-_FRAME = ("task_frame", "task_frame_velocity", "task_frame_acceleration")
 _ESTIMATOR = "normal_force_estimator"
 
 # Least margin of samples that no scenario sets, m.
@@ -305,7 +304,7 @@ def _AddTaskMotion(
     on_rail = builder.HasSubsystemNamed("task_frame") and not scene.curvature.is_plane
     task = TaskMotion(roles, scene.curvature, X_WS=scene.X_WA, is_moving=on_rail)
     builder.AddSystem(task)
-    for name in _FRAME if on_rail else ():
+    for name in FRAME if on_rail else ():
         frame = builder.GetSubsystemByName(name).get_output_port()
         builder.Connect(frame, task.GetInputPort(name.replace("task", "surface")))
     desired = builder.AddNamedSystem(

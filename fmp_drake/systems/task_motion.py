@@ -10,17 +10,23 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import check_type
 from fmp_drake.primitives.data.channels import ChannelRoles
-from fmp_drake.systems.surface.surface import Surface
-from fmp_drake.systems.surface.tool_motion import (
-    DESIRED,
-    FORCE,
-    FRAME,
-    POSITION,
-    ROTATION,
+from fmp_drake.systems.surface.surface import (
+    Surface,
     ToolChannels,
     desired_motion,
     measured_channels,
 )
+
+POSITION = {"desired_position": 3, "desired_velocity": 3, "desired_acceleration": 3}
+ROTATION = {
+    "desired_orientation": 4,
+    "desired_angular_velocity": 3,
+    "desired_angular_acceleration": 3,
+}
+FORCE = {"desired_normal_force": 1}
+FRAME = {"task_frame": 7, "task_frame_velocity": 6, "task_frame_acceleration": 6}
+DESIRED = POSITION | ROTATION | FORCE | FRAME
+"""Inputs of the impedance controller that follow from the motion, with their sizes."""
 
 
 class TaskMotion(LeafSystem):
