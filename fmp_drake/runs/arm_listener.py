@@ -201,7 +201,8 @@ def _eraser_positions(
 
     p_BE, or (u, v, h) over a curved board.
     """
-    p_WE: Any = robot.tip_positions(np.array(states)[:, :JOINTS]).T
+    poses = robot.tip_poses(np.array(states)[:, :JOINTS])
+    p_WE: Any = np.transpose([X_WE.translation() for X_WE in poses])
     p_BE = scenario.board.assumed_pose().inverse().multiply(p_WE).T
     surface = scenario.board.curvature()
     return p_BE if surface.is_plane else project_all(surface, p_BE, np.zeros(2))

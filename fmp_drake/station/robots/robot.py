@@ -148,10 +148,6 @@ class Robot:
             add_model_instance_prefix=False, always_add_suffix=False
         )
 
-    def tip_positions(self, angles: ArrayLike) -> Array:
-        """Return p_WE, shape (N, 3), m, for joint angles (N, n), rad; see `tip_poses`."""
-        return np.array([X_WE.translation() for X_WE in self.tip_poses(angles)])
-
     def tip_poses(self, angles: ArrayLike) -> list[RigidTransform]:
         """Return the N poses X_WE for joint angles (N, n), rad.
 
