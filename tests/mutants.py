@@ -34,7 +34,8 @@ NEAREST = {
     "station/reach/board_reach.py": "station/test_reach.py station/test_feasibility.py",
     "systems/surface_monitor.py": "systems/test_surface_monitor.py",
     "station/reach/tracking_prediction.py": "station/test_tracking_prediction.py",
-    "station/reach/deviation_prediction.py": "station/test_deviation_prediction.py",
+    "station/reach/deviation_prediction.py": "station/test_deviation_prediction.py "
+    "station/test_push_prediction.py",
     "runs/metrics.py": "runs/test_metrics.py",
     "experiments/trials/trial.py": "experiments/test_trials.py -k 'fault or judged'",
     "systems/panda/gate.py": "systems/test_torque_gate.py systems/test_plausibility.py",

@@ -12,8 +12,7 @@ from fmp_drake.primitives import FourierMovementPrimitive, transform_space
 from fmp_drake.station import CheckFeasibility, Scenario
 from fmp_drake.station.reach import board_reach
 from fmp_drake.station.reach.board_reach import BoardReach, FollowingBounds
-from fmp_drake.station.reach.deviation_prediction import Deviation
-from fmp_drake.station.reach.push_prediction import predict_lift
+from fmp_drake.station.reach.deviation_prediction import Deviation, predict_lift
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.systems.interface.arm_model import joint_limits

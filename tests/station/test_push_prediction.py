@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fmp_drake.station import Scenario
-from fmp_drake.station.reach.push_prediction import (
+from fmp_drake.station.reach.deviation_prediction import (
     normal_mass,
     predict_lift,
     predict_lifts,

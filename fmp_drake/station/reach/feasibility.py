@@ -19,7 +19,7 @@ from fmp_drake.station.reach.board_reach import (
     BoardReach,
     FollowingBounds,
 )
-from fmp_drake.station.reach.push_prediction import predict_lifts
+from fmp_drake.station.reach.deviation_prediction import predict_lifts
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion, lengths
 from fmp_drake.station.scenario import ParseScenario, Scenario, check_scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE

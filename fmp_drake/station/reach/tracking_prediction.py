@@ -153,7 +153,7 @@ class TrackingPredictor:
         inverse = _inverse(M, J, damping)
         for k in range(path.shape[1]):
             i = min(max(k - _LEAD_IN - _SETTLE, 0), R_WB.shape[1] - 1)
-            posture_error = _limited(q_posture - q, config.max_posture_error)
+            posture_error = shortened(q_posture - q, config.max_posture_error)
             u = (u + pull * posture_error) / (1 + brake + step * pull)
             u -= times(inverse, times(J, u))
             q = q + step * u
@@ -256,7 +256,7 @@ def _correction(
 
     Other joints compensate for a joint at its limit.
     """
-    dq = _limited(times(inverse, pose_error), _LONGEST_STEP)
+    dq = shortened(times(inverse, pose_error), _LONGEST_STEP)
     limited = np.clip(q + dq, lower, upper)
     is_free = limited == q + dq
     rows = ~np.all(is_free, axis=-1)
@@ -265,7 +265,7 @@ def _correction(
         fixed = np.where(free, 0.0, (limited - q)[rows])
         rest = pose_error[rows] - times(J_rows, fixed)
         inverse_rows = _inverse(M[rows], J_rows, damping[rows], free)
-        dq[rows] = fixed + _limited(times(inverse_rows, rest), _LONGEST_STEP)
+        dq[rows] = fixed + shortened(times(inverse_rows, rest), _LONGEST_STEP)
     return dq
 
 
@@ -291,7 +291,8 @@ def _inverse(M: Array, J: Array, damping: Array, is_free: Mask | None = None) ->
     return MJ @ np.linalg.inv(J @ MJ + damping)
 
 
-def _limited(x: Array, longest: float) -> Array:
+def shortened(x: Array, longest: float) -> Array:
+    """Return vectors (..., n) of the same directions that are at most this long."""
     length = np.linalg.norm(x, axis=-1, keepdims=True)
     return x * (longest / np.maximum(length, longest))
 
