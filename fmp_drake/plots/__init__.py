@@ -18,9 +18,8 @@ from fmp_drake.plots.demonstrations import (
     plot_demonstrations,
 )
 from fmp_drake.plots.learned import draw_rollout_in_plane, draw_samples_in_plane
-from fmp_drake.plots.reach import plot_reach
 from fmp_drake.plots.run_page import plot_run, write_graph
-from fmp_drake.plots.skill_page import plot_skill
+from fmp_drake.plots.skill_page import plot_reach, plot_skill
 
 __all__ = [
     "draw_demonstrations_in_plane",

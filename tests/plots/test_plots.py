@@ -21,8 +21,8 @@ from fmp_drake.plots import (
     plot_demonstrations,
     plot_run,
     plot_skill,
-    reach,
     run_page,
+    skill_page,
 )
 from fmp_drake.plots.demonstrations import (
     draw_demonstrations_over_time,
@@ -847,7 +847,7 @@ class TestPages:
 )
 def test_the_picture_of_the_reach_names_the_coordinates(shape, labels, monkeypatch):
     figures = []
-    monkeypatch.setattr(reach, "save", lambda figure, _: figures.append(figure))
+    monkeypatch.setattr(skill_page, "save", lambda figure, _: figures.append(figure))
     cells = np.linspace(0, 1, 4)
     feasibility = SimpleNamespace(
         cells=(cells, cells, np.ones((4, 4))),
@@ -857,7 +857,7 @@ def test_the_picture_of_the_reach_names_the_coordinates(shape, labels, monkeypat
         start=np.zeros(3),
         verdict="The arm can follow this skill.",
     )
-    reach.plot_reach(feasibility, "reach.png")
+    skill_page.plot_reach(feasibility, "reach.png")
     ax = figures[0].axes[0]
     assert (ax.get_xlabel(), ax.get_ylabel()) == labels
 
