@@ -30,16 +30,14 @@ from fmp_drake.runs.log import (
     write_log,
 )
 from fmp_drake.runs.metrics import RunMetrics, ink_metrics, metric_signals
-from fmp_drake.station import LoadRobot, MakeStation, Scenario
+from fmp_drake.station import MakeStation, Scenario
 from fmp_drake.station.page import BOARD, INK, describe_page
-from fmp_drake.station.robots.robot import MakeRobotModel
 from fmp_drake.station.scenario import check_scenario
 from fmp_drake.station.skill_motion import ContactHeight, DemonstratedArea, SkillRoles
 from fmp_drake.systems import AddPathToRecording, PagePanel
 from fmp_drake.systems.erase_times import EraseTimes
 from fmp_drake.systems.ink.grid import CLEAN_BELOW, cleaned_history
 from fmp_drake.systems.ink.mesh import AddInkToRecording
-from fmp_drake.systems.interface.arm_model import joint_limits
 from fmp_drake.systems.page.page_panel import add_panel
 from fmp_drake.systems.page.trail_visualizer import TRAIL_COLOR
 
@@ -185,15 +183,13 @@ class StationRun:
 
     def restart(self) -> None:
         """Discard all samples after a reset of the simulation; restart the recording."""
-        robot = LoadRobot(self.scenario.robot)
-        arm = MakeRobotModel(robot, self.scenario.held_tool()).plant
-        controller = self.station.GetSubsystemByName("controller")
-        update: Any = controller.GetUniquePeriodicDiscreteUpdateAttribute()
+        controller: Any = self.station.GetSubsystemByName("controller")
+        update = controller.GetUniquePeriodicDiscreteUpdateAttribute()
         self.wall_seconds = 0.0
         self._metrics = RunMetrics(
             self.scenario,
             self._primitive.player.region,
-            joint_limits(arm),
+            controller.limits,
             control_period=update.period_sec(),
             contact_height=ContactHeight(self.scenario, self._primitive.player.skill),
             roles=self.roles,

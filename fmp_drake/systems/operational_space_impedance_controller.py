@@ -224,6 +224,11 @@ class OperationalSpaceImpedanceController(LeafSystem):
     contact_height : float
         Height of the target over T's plane below which the whole force acts, m.
 
+    Attributes
+    ----------
+    limits : JointLimits
+        Of the arm.
+
     Raises
     ------
     SystemsError
@@ -273,9 +278,10 @@ class OperationalSpaceImpedanceController(LeafSystem):
             engage_height=float(engage_height),
             contact_height=float(contact_height),
         )
+        self.limits = joint_limits(plant)
         joints = joint_settings(
             config,
-            limits=joint_limits(plant),
+            limits=self.limits,
             q_posture=checked_posture(plant, q_posture),
         )
         self._declare_inputs(plant.num_velocities())
