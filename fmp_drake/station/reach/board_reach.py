@@ -395,6 +395,7 @@ class BoardReach:
     def deviation(
         self,
         motion: PredictedMotion,
+        paths: Array,
         *,
         force: float,
         q_posture: Array,
@@ -402,9 +403,11 @@ class BoardReach:
     ) -> Deviation:
         """Predict the deviation from a motion with a desired normal force, N.
 
-        The other parameters are those of `predict_deviation`.
+        Where the arm can neither yield to the board nor reach down to it, the felt bears
+        the error of the force. `paths` are those of `follow`, the other parameters those of
+        `predict_deviation`.
         """
-        return predict_deviation(
+        pose, error = predict_deviation(
             self._scenario.impedance,
             self.limits,
             motion,
@@ -413,20 +416,11 @@ class BoardReach:
             step=step,
             joint_damping=self.damping,
         )
-
-    def force_error(
-        self, motion: PredictedMotion, deviation: Deviation, paths: Array
-    ) -> Array:
-        """Return the error of the normal force, N, shape (boards * B, T).
-
-        Where the arm can neither yield to the board nor reach down to it, the felt bears
-        the error. `paths` are those of `follow`.
-        """
         depth = motion.error[..., 5]
         depth = depth - np.clip(depth, -RESIDUAL, RESIDUAL)
         pressed = self.pressed(paths, len(motion.q) // len(paths))
         felt = np.where(pressed, self._contact.stiffness * depth, 0.0)
-        return deviation.force + felt
+        return Deviation(pose, error + felt)
 
     def moves_into_reach(
         self, paths: Array, moved: Array, step: float, R_TE: Array | None = None

@@ -238,18 +238,18 @@ class _Check:
             R_TE=self._R_TE,
         )
         clearance, link = reach.clearance(X_WB, motion, self._displacement)
-        deviation = reach.deviation(
+        deviation, error = reach.deviation(
             motion,
+            self._paths,
             force=float(np.max(self._force)),
             q_posture=posture,
             step=self._step,
         )
         has_rotation = self._R_TE is not None
-        lag, turn = map(_rms, lengths(deviation.pose, has_rotation=has_rotation))
+        lag, turn = map(_rms, lengths(deviation, has_rotation=has_rotation))
         values, missed = self._judge_reach(motion, clearance, link, lag)
         values |= self._judge_speed(motion)
         values |= self._judge_force(motion)
-        error = reach.force_error(motion, deviation, self._paths)
         tempo = float(values["largest_tempo"])
         values |= self._judge_deviation(lag, turn, error, tempo)
         values |= self._judge_pushes(motion)
