@@ -1445,7 +1445,11 @@ def counted_time(folder):
 
 
 def coarse_time(folder):
-    return write(folder, xyz(np.floor(TIME), header="time,x,y,z"))
+    return write(folder, xyz(np.floor(TIME + 0.3), header="time,x,y,z"))
+
+
+def coarser_time(folder):
+    return write(folder, xyz(10 * np.round(TIME / 10), header="time,x,y,z"))
 
 
 def time_backwards(folder):

@@ -22,7 +22,8 @@ from fmp_drake.primitives import FourierMovementPrimitive, ReadingOptions
 from fmp_drake.primitives.data.channels import FORCE_CHANNEL
 from fmp_drake.skills.surface_fit import SHAPES
 from fmp_drake.skills.surface_placement import EXTRA_CHANNELS
-from fmp_drake.station import LoadScenario, Scenario
+from fmp_drake.station import LoadRobot, LoadScenario, Scenario
+from fmp_drake.station.robots.robot import MakeRobotModel
 
 PATH = click.Path(path_type=Path)
 """Type of an argument that is a path."""
@@ -299,8 +300,10 @@ class ScenarioOptions:
     )
 
     def load(self) -> Scenario:
-        """Return the scenario."""
-        return LoadScenario(self.scenario, robot=self.robot)
+        """Return the scenario; mistakes in its arm and tool are found before learning."""
+        scenario = LoadScenario(self.scenario, robot=self.robot)
+        MakeRobotModel(LoadRobot(scenario.robot), scenario.held_tool())
+        return scenario
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -56,4 +56,5 @@ def robots(files: tuple[str, ...]) -> None:
     )
     for message in problems:
         console.print(message, soft_wrap=True)
-    print_next(console, "wipe", "--robot", files[0] if files else "NAME")
+    if not problems:
+        print_next(console, "wipe", "--robot", files[0] if files else "NAME")

@@ -63,6 +63,7 @@ def test_a_robot_that_no_station_can_control_is_listed_with_the_reason(
     result = command("robots", tmp_path / "mine.yaml")
     assert result.code == 0
     assert message in result.out
+    assert "next:" not in result.out
 
 
 def test_a_robot_of_a_file_is_listed(command, tmp_path):
@@ -98,6 +99,18 @@ def test_a_joint_that_is_too_light_is_named_with_the_key_that_mends_it(
 
 def test_an_unknown_robot_is_refused_with_the_known_ones(refused):
     assert "iiwa14, panda, ur5e" in refused("check", "--robot", "billiards")
+
+
+def test_mistake_in_the_file_of_a_robot_is_found_before_learning(refused, tmp_path):
+    text = (models_dir() / "ur5e" / "ur5e.yaml").read_text()
+    text = text.replace("ur5e.urdf", str(models_dir() / "ur5e" / "ur5e.urdf"))
+    text = text.replace("[ur5e_link0, ur5e_link1]", "[ur5e_link0, nothing]")
+    (tmp_path / "mine.yaml").write_text(text)
+    # The recording, which does not exist, would be refused next.
+    recording = ("--demo", tmp_path / "missing.csv", "--surface", "fitted")
+    for command in ("check", "wipe"):
+        words = refused(command, *recording, "--robot", tmp_path / "mine.yaml")
+        assert "contact_free names nothing" in words
 
 
 def test_another_robot_is_checked_with_its_own_posture(command, tmp_path):

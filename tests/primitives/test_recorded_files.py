@@ -155,7 +155,8 @@ POSES = (
 REFUSED = {
     files.no_time: r"no column holds the time; .* x, y, z\. .*--sample-rate",
     files.counted_time: r"counts 1, 2, 3 .* samples or milliseconds\..* --columns 'time=time \[ms\]'$",
-    files.coarse_time: r"stays the same in 392 of 400 samples: .*--sample-rate",
+    files.coarse_time: r"stays the same in 391 of 400 samples: .*--sample-rate 50$",
+    files.coarser_time: r"stays the same in 398 of 400 .* instead: --sample-rate HZ$",
     files.time_backwards: r"does not increase after sample 199 \(3\.98 s, then 0 s\)",
     files.values_missing: r"252 of 400 samples have no value of z; leave them out: "
     r"--columns x=x,y=y$",

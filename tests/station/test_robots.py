@@ -368,6 +368,11 @@ WORLD = """<link name="world"/><joint name="fixed_base" type="fixed">
             {},
             "already has a model named eraser, .* <robot> in a URDF",
         ),
+        (
+            {'<robot name="[^"]*"': '<robot name="whiteboard"'},
+            {},
+            "already has a model named whiteboard",
+        ),
         ({}, {"posture": [9.0, 0, 0, 0, 0, 0]}, "9 for ur5e_joint1, whose range is -6"),
     ],
 )

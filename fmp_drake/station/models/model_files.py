@@ -124,6 +124,15 @@ class Collision(NamedTuple):
         plant.RegisterCollisionGeometry(body, X, self.shape, self.name, contact)
 
 
+def check_free_name(plant: MultibodyPlant, model: str) -> None:
+    """Raise a StationError where a plant already has a model of this name."""
+    if plant.HasModelInstanceNamed(model):
+        raise StationError(
+            f"the plant already has a model named {model}, as a station names its own; "
+            "choose another name for yours, such as that of <robot> in a URDF."
+        )
+
+
 def AddModel(
     plant: MultibodyPlant,
     *,
@@ -147,11 +156,7 @@ def AddModel(
     frames : mapping of str to float
         Names of frames, and their z in the link, m.
     """
-    if plant.HasModelInstanceNamed(model):
-        raise StationError(
-            f"the plant already has a model named {model}, as a station names its own; "
-            "choose another name for yours, such as that of <robot> in a URDF."
-        )
+    check_free_name(plant, model)
     instance = plant.AddModelInstance(model)
     body: Any = plant.AddRigidBody(link, instance, _six_digits(inertia))
     for name, height in frames.items():

@@ -28,7 +28,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array, check_type
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.eraser import AddEraser
-from fmp_drake.station.models.model_files import models_dir
+from fmp_drake.station.models.model_files import check_free_name, models_dir
 from fmp_drake.station.scenario_parts import (
     EraserConfig,
     PoseConfig,
@@ -472,6 +472,7 @@ def MakeRobotModel(
     if scene_graph is not None:
         plant.RegisterAsSourceForSceneGraph(scene_graph)
     robot = AddRobot(plant, config, tool)
+    check_free_name(plant, "whiteboard")  # Of a station.
     with in_one_line(f"{Path(config.model).name} with its tool cannot be simulated"):
         plant.Finalize()
     if plant.num_positions() != len(config.posture):

@@ -38,6 +38,8 @@ _EPOCHS = {
 _INTERVALS, _LONGEST_INTERVAL = (4e-4, 0.5), 1.0
 # Greatest fraction of samples whose time repeats, with different and with any values.
 _MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
+# Least number of samples from whose times a rate is read to a percent.
+_MEASURABLE = 100
 # Samples that were received in bursts: least interval between bursts, in medians of all
 # intervals, least number of bursts relative to the samples, and fraction of the time between.
 _PAUSE, _BURSTS, _PAUSED = 10.0, 0.02, 0.8
@@ -200,10 +202,14 @@ def ordered_times(
     repeated = int(np.count_nonzero(~is_new))
     is_coarse = np.count_nonzero(~is_new & has_other_values) > _MOST_REPEATED * count
     if is_coarse or repeated > _MOST_EQUAL * count:
+        # Samples with the first and the last time may be missing.
+        changes = np.flatnonzero(is_new)[1:]
+        span = int(np.ptp(changes)) if len(changes) else 0
+        is_known = span >= _MEASURABLE
+        rate = _rate(float(np.ptp(time[changes])) / span) if is_known else "HZ"
         raise DemonstrationError(
             f"the time stays the same in {repeated} of {count} samples: it is too coarse. "
-            "Give the sample rate instead: --sample-rate "
-            f"{_rate(interval * (count - repeated) / count)}"
+            f"Give the sample rate instead: --sample-rate {rate}"
         )
     pauses = forward[forward > _PAUSE * interval]
     if len(pauses) > _BURSTS * count and np.sum(pauses) > _PAUSED * np.sum(forward):
