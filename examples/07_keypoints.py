@@ -4,8 +4,8 @@ Keypoints: positions and velocities at given times
 
 A learned movement is a distribution over whole windows. It can be conditioned on any linear
 function of a window: its start, a position at some time, a velocity. This is equation (13) of
-the paper. It takes some tens of microseconds for the start of a window, and up to some
-milliseconds for new keypoints.
+the paper. It takes less than a millisecond for the start of a window, and about ten for new
+keypoints.
 """
 
 import matplotlib.pyplot as plt
@@ -59,7 +59,7 @@ for ax, mapping, title in zip(
     draw_demonstrations_in_plane(recording, ax=ax)
     x, y, _ = skill.synthesize(mapping.weights).T
     ax.plot(y, x, color="tab:orange", linewidth=2)
-    ax.set_title(title)
+    ax.set_title(title, loc="left")
 axes[0].plot(*observed.T[[1, 0]], "k", linewidth=4)
 axes[1].axvline(middle[1] + 0.02, color="k", linestyle=":")
 plt.show()

@@ -65,6 +65,6 @@ for ax, skill, title in zip(
     axes, (equal, weighted), ("equal", "a tenth for the third"), strict=True
 ):
     draw_samples_in_plane(skill, n=12, demonstrations=people, ax=ax)
-    ax.set_title(title)
+    ax.set_title(title, loc="left")
 plt.show()
 assert width(weighted) < width(equal)

@@ -66,22 +66,22 @@ moved_skill = transform_space(
 # %%
 # Rhythm
 # ------
-# The harmonics of the loops of the 8 are amplified in x: the figure becomes wider, with the
-# same timing.
+# The harmonics of the loops of the 8 are amplified in x: the figure becomes larger in x, with
+# the same timing.
 
 x = skill_spectrum(skill).peaks("x")[0].harmonic
-wide_skill = modulate_skill(
+large_skill = modulate_skill(
     skill, harmonics=[x - 1, x, x + 1], gain=1.6, channels=["x"]
 )
 
 figure, axes = plt.subplots(1, 3, figsize=(11, 4), layout="constrained")
 for ax, edited_skill, title in zip(
     axes,
-    (skill, moved_skill, wide_skill),
+    (skill, moved_skill, large_skill),
     ("learned", "moved", "modulated"),
     strict=True,
 ):
     draw_samples_in_plane(edited_skill, n=6, demonstrations=recording, ax=ax)
-    ax.set_title(title)
+    ax.set_title(title, loc="left")
 plt.show()
 assert 1.3 < fast_speed / speed < 1.7

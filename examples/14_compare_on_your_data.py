@@ -74,9 +74,10 @@ for name, values in errors.items():
     print(f"{name:8} {1e3 * np.sqrt(np.mean(np.square(values))):5.1f} mm")
 
 # %%
-# `ProMP` is an estimator with the same methods; `AlignedProMP`, `PeriodicDMP` and `PeriodicGP`
-# are methods of the benchmark. `fmp-drake benchmark` scores these and other methods on the
-# recordings in a folder.
+# `ProMP` is an estimator, too, which learns from windows; `AlignedProMP`, `PeriodicDMP` and
+# `PeriodicGP` are methods of the benchmark, which learn from lists of arrays at 20 Hz.
+# `fmp-drake benchmark` scores these and other methods on the recordings in a folder.
 
-promp = ProMP(frequencies=5, n_components=20)
-print(promp)
+windows = np.lib.stride_tricks.sliding_window_view(training, 120, axis=0)[::4]
+promp = ProMP(frequencies=5, n_components=20).fit(windows.transpose(0, 2, 1))
+print("predicted by ProMP:", promp.predict(test[:K], HORIZON).values.shape)

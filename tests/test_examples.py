@@ -103,7 +103,7 @@ FACTS = {
         r"phase +([\d.]+) mm\nreplay +([\d.]+) mm",
         lambda phase, replay: phase < replay,
     ),
-    "15_log_of_a_run.py": (r"cleaned (\d+) % in 8 s", lambda cleaned: cleaned > 15),
+    "15_log_of_a_run.py": (r"cleaned (\d+) % in 10 s", lambda cleaned: cleaned > 15),
     "16_worlds.py": (r"cleaned (\d+) % in 3 s", lambda cleaned: cleaned > 5),
     "17_phase.py": (r"one cycle takes ([\d.]+) s", lambda period: 2 < period < 5),
 }

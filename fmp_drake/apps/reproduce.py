@@ -19,12 +19,12 @@ class ReproduceOptions:
     """Experiments, and files to write."""
 
     out: Path = option(help="Folder to write into.")
-    quick: bool = option(False, "Fewer samples and seeds: about a minute.")
+    quick: bool = option(False, "Fewer samples and seeds: about ten minutes.")
 
 
 @command(
     {
-        "fmp-drake reproduce --out report --quick": "the report in about a minute",
+        "fmp-drake reproduce --out report --quick": "the report in about ten minutes",
     }
 )
 def reproduce(to: ReproduceOptions) -> None:
