@@ -481,8 +481,32 @@ def test_a_name_that_tells_the_order_and_matrices_need_no_option(name, array, tm
     assert "--quaternions" not in remarks
 
 
-def test_other_nine_numbers_are_no_orientation(tmp_path):
-    path, numbers = tmp_path / "d.npz", np.ones((len(files.TIME), 9))
-    np.savez(path, time=files.TIME, ee_position=files.PATH, rotation=numbers)
+@pytest.mark.parametrize(
+    ("name", "order"),
+    [("pos_quat", "xyzw"), ("pos_quat_wxyz", "wxyz"), ("pos_q_xyzw", "xyzw")],
+)
+def test_seven_numbers_named_as_position_and_quaternion_are_a_pose(
+    name, order, tmp_path
+):
+    path, turns = tmp_path / "d.npz", np.roll(QUATERNIONS, order == "wxyz", axis=1)
+    np.savez(path, time=files.TIME, **{name: np.hstack([files.PATH, turns])})
+    found, remarks = read(path)
+    assert_pose(found)
+    assert ("--quaternions" in remarks) == (name == "pos_quat")
+
+
+@pytest.mark.parametrize(
+    ("name", "matrix", "channels"),
+    [
+        ("rotation", np.ones(9), 12),
+        ("covariance_matrix", np.eye(3).ravel(), 12),
+        ("covariance", 0.1 * np.eye(3), 3),
+    ],
+)
+def test_other_nine_numbers_are_no_orientation(name, matrix, channels, tmp_path):
+    path, numbers = tmp_path / "d.npz", np.tile(matrix, (len(files.TIME), 1, 1))
+    numbers = numbers.reshape(-1, *matrix.shape)
+    np.savez(path, time=files.TIME, ee_position=files.PATH, **{name: numbers})
     found, _ = read(path)
     assert "rx" not in found.channels
+    assert len(found.channels) == channels

@@ -139,19 +139,26 @@ def _aligned(arrays: Mapping[str, NDArray[Any]], count: int) -> dict[str, NDArra
     """Return arrays with the `count` samples along the first axis: (N,), (N, k).
 
     Arrays (1, N) and (N, 1) become (N,), matrices (N, 4, 4) and (N, 1, 4, 4) become
-    (N, 16), and matrices (N, 3, 4) and (N, 3, 3) become (N, 12) and (N, 9).
+    (N, 16), matrices (N, 3, 4) become (N, 12), and rotations (N, 3, 3) become (N, 9).
     """
     aligned = {}
     for name, array in arrays.items():
         if array.shape[1:] == (1, 4, 4):
             array = array[:, 0]
-        if array.shape[1:] in ((3, 3), (3, 4), (4, 4)):
+        if array.shape[1:] in ((3, 4), (4, 4)) or _is_rotations(array):
             array = array.reshape(len(array), -1)
         if array.ndim == 2 and 1 in array.shape:
             array = array.ravel()
         is_transposed = array.ndim == 2 and array.shape[1] == count != array.shape[0]
         aligned[name] = array.T if is_transposed else array
     return aligned
+
+
+def _is_rotations(array: NDArray[Any]) -> bool:
+    """Return whether an array (N, 3, 3) holds orthonormal matrices, no covariances."""
+    if array.shape[1:] != (3, 3) or array.dtype.kind not in "iuf":
+        return False
+    return not np.any(np.abs(array @ array.mT - np.eye(3)) > 0.01)
 
 
 def _tables_of(
@@ -233,8 +240,8 @@ def table_of(
     """Return a table of arrays (N,) and (N, k) of equal length.
 
     The columns of an array (N, 3) are named `name_x` and so on, those of others `name_1`.
-    Matrices (N, 4, 4) have 16 columns, (N, 3, 4) 12 and (N, 3, 3) 9. Arrays of another length
-    are left out. A rate (Hz), given or found among the arrays, adds a column of times. Where
+    Matrices (N, 4, 4) have 16 columns, (N, 3, 4) 12, and rotations (N, 3, 3) 9. Other arrays are
+    left out. A rate (Hz), given or found among the arrays, adds a column of times. Where
     the rows of several things alternate, those of the topic are read. Without `count`, N is
     found.
     """

@@ -18,7 +18,7 @@ _POSITIONS = re.compile(r"(.*_)?(p|pos|positions?|translations?|points?|xyz)")
 _QUATERNIONS = re.compile(r"(.*_)?(q|quats?|quaternions?|orientations?|rot|rotations?)")
 _ORDER = re.compile(r"(.*?)_?(xyzw|wxyz)")
 _MATRICES = re.compile(
-    r"(.*_)?(r|rot|rotations?|orientations?|rotm|matri(x|ces)|rotmat)"
+    r"(.*_)?(r|rotm|rotmat|(rot|rotations?|orientations?)(_matri(x|ces))?)"
 )
 _JOINTS = re.compile(r"(.*_)?(q|qpos|joints?|joint_positions?|theta|angles?)")
 # Force and torque. Universal Robots: a position and a rotation vector. ROS: joint states.
@@ -175,6 +175,8 @@ def _recognise(
         prefix, letters = stated[1], options.quaternions or stated[2]
     order = [letters.index(axis) for axis in "xyzw"]
     stem = f"{prefix}_" if prefix else ""
+    if count == 7 and (both := _QUATERNIONS.fullmatch(prefix)):  # As `pos_quat`.
+        stem = both[1] or ""
     pose = [f"{stem}{name}" for name in _POSE]
     units = ["m"] * 3 + [""] * 4
     if count == 3 and _POSITIONS.fullmatch(prefix):
@@ -194,7 +196,8 @@ def _recognise(
     if is_tcp or (count == 6 and _CARTESIAN.fullmatch(prefix.removesuffix("position"))):
         # Angles of an unknown convention.
         return pose[:3], [""] * 3, values[:, :3], False
-    if count == 7 and not _JOINTS.fullmatch(prefix) and _is_unit(values[:, 3:], _EXACT):
+    is_pose = count == 7 and (stated or not _JOINTS.fullmatch(prefix))
+    if is_pose and _is_unit(values[:, 3:], _EXACT):
         numbers = np.hstack([values[:, :3], values[:, 3:][:, order]])
         return pose, [""] * 7, numbers, not stated
     if count == 9 and _MATRICES.fullmatch(prefix):
