@@ -33,8 +33,9 @@ _SAMPLES, _LEAST_SAMPLES = 1000, 20
 # Largest residual relative to the extent of the contact, and that of a remark, m.
 _MOST_RESIDUAL, _LARGE_RESIDUAL = 0.2, 0.01
 # Height of a lift beyond three residuals, and distance from the contact within which it tells
-# the side, m; samples that are needed. Least cosine between the tool's axis and the normal.
-_LIFTED, _ERRORS, _NEAR, _LEAST_LIFTED, _ALONG = 0.01, 3.0, 0.1, 4, 0.7
+# the side, m; samples that are needed. Least cosine between the tool's axis and the normal,
+# and largest one between z of D and the normal of a wall.
+_LIFTED, _ERRORS, _NEAR, _LEAST_LIFTED, _ALONG, _LEVEL = 0.01, 3.0, 0.1, 4, 0.7, 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,8 +59,8 @@ class FittedSurface:
         Robust standard deviation of the distance from every shape that was tried, m: 1.48 times
         its median; infinite where the shape does not fit from this side.
     side : str
-        How it is known on which side the tool is: `lifts`, `tool` (its z axis points into the
-        surface) or, where nothing tells, `up`.
+        How it is known on which side the tool is: `lifts`, `tool` (its z axis is taken to
+        point into the surface) or, where neither tells, `up` (z of D).
     """
 
     shape: str
@@ -103,12 +104,18 @@ class FittedSurface:
         radius = "" if self.shape == "plane" else f" of radius {self.radius:.3f} m"
         found = {k: r for k, r in self.residuals.items() if np.isfinite(r)}
         tried = ", ".join(f"{k} {1e3 * r:.1f}" for k, r in found.items())
-        remarks = {
-            "lifts": "",
-            "tool": "; the tool is never lifted: its z axis is taken to point into the surface",
-            "up": "; the tool is never lifted: the surface is taken to be touched from above "
-            "(z of the recording), so record an approach, too, or choose --surface dome or bowl",
-        }[self.side]
+        remarks, z = "", self.rotation[2, 2]
+        if self.side != "lifts":
+            place = "a side" if abs(z) < _LEVEL else "above" if z > 0 else "below"
+            remarks = "; the tool is never lifted: "
+            if self.side == "tool":
+                remarks += "its z axis is taken to point into the surface, and "
+            remarks += (
+                f"the surface is taken to be touched from {place} (z of the recording), so "
+                "record an approach, too"
+            )
+            if self.shape in ("dome", "bowl"):
+                remarks += ", or choose --surface dome or bowl"
         if self.residual > _LARGE_RESIDUAL:
             remarks += (
                 "; this is far: the contact may contain lifts, which a force or an orientation "
@@ -133,7 +140,7 @@ def fit_surface(
 
     The normal points to the side of lifts, approach and retreat. Without these the tool's z
     axis is taken to point into the surface if it is about normal to it; otherwise the normal
-    points up (z of D), unless the shapes fit better from below.
+    points up (z of D), and that of a wall to the side from which a shape fits better.
 
     Parameters
     ----------
@@ -177,13 +184,19 @@ def fit_surface(
     lifted = _lifted(contact, others)
     frame = _upwards(sample, lifted)
     chosen, residuals = _choose(sample, frame, shape, tool)
-    # The sphere of a dome is a bowl's from the other side: a given shape tells it, too.
-    pointing = tool if shape in (None, "plane") else None
+    # The sphere of a dome is a bowl's from the other side: a given shape tells it, too. A wall
+    # has no upper side, so its shape tells it.
+    is_given = shape not in (None, "plane")
+    pointing = None if is_given else tool
+    by_shape = is_given or abs(frame[2, 2]) < _LEVEL
     side, evidence = _side(chosen, lifted, pointing)
-    if evidence <= 0:
+    if evidence < 0 or (evidence == 0 and (by_shape or len(lifted))):
         other, their = _choose(sample, frame * [1.0, -1.0, -1.0], shape, tool)
         of_other, opposite = _side(other, lifted, pointing)
-        if opposite > 0 or (evidence == opposite == 0 and _is_better(other, chosen)):
+        is_other = opposite > 0
+        if evidence == opposite == 0:
+            is_other = _is_better(other, chosen) if by_shape else frame[2, 2] < 0
+        if is_other:
             chosen, residuals, side = other, their, of_other
     limit = _MOST_RESIDUAL * 2 * extents[1] / np.sqrt(len(contact))
     if chosen.residual > limit:

@@ -132,7 +132,7 @@ def test_shapes_that_share_the_path_are_told_by_the_tool(shape):
     assert fit.tilt(points, tool) < np.radians(3)
 
 
-@pytest.mark.parametrize("shape", ["cylinder", "bowl"])
+@pytest.mark.parametrize("shape", ["cylinder", "dome", "bowl"])
 @pytest.mark.parametrize(
     "frame", [R_DS, Rotation.from_euler("x", 3.0)], ids=["up", "down"]
 )
@@ -147,6 +147,9 @@ def test_side_of_a_surface_without_lifts_is_that_of_the_tool(shape, frame):
     assert fit.shape == shape
     assert fit.radius == pytest.approx(RADII[shape], rel=0.05)
     assert "its z axis is taken to point into the surface" in fit.describe()
+    below = "taken to be touched from below (z of the recording)"
+    assert (below in fit.describe()) == (frame is not R_DS)
+    assert ("--surface dome" in fit.describe()) == (shape != "cylinder")
     if frame is R_DS:
         fit = fit_surface([points], [on])
         assert fit.shape == shape
@@ -155,6 +158,21 @@ def test_side_of_a_surface_without_lifts_is_that_of_the_tool(shape, frame):
         every = np.ones(len(points), dtype=bool)
         fit = fit_surface([points], [every], tools=[tool], shape="dome")
         assert fit.residual < 0.002
+
+
+@pytest.mark.parametrize("angle", [0.0, 3.1])
+def test_shape_tells_the_side_of_a_wall_only(angle):
+    *_, on, points = wiping("cylinder", approach=False)
+    local = R_DS.apply(points - P_DS, inverse=True)
+    wall = Rotation.from_euler("yz", [np.pi / 2, angle])
+    fit = fit_surface([wall.apply(local)], [on])
+    assert fit.shape == "cylinder"
+    assert fit.rotation[:, 2] @ wall.apply([0.0, 0.0, 1.0]) > 0.99
+    assert "touched from a side" in fit.describe()
+    # A trough that is touched from above is no cylinder that is touched from below.
+    fit = fit_surface([local * [1.0, 1.0, -1.0]], [on])
+    assert fit.rotation[2, 2] > 0.99
+    assert "touched from above" in fit.describe()
 
 
 def test_weight_of_a_tool_is_no_contact():
