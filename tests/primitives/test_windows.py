@@ -31,6 +31,11 @@ def test_windows_are_slices_a_stride_apart(count, n_steps, stride):
         assert np.array_equal(window, values[start : start + n_steps])
 
 
+def test_windows_of_two_arms_at_100_hz_are_not_refused():
+    recording = np.zeros((700, 14))
+    assert as_windows([recording], n_steps=600, stride=10, rate=100.0).values.size
+
+
 def test_three_minutes_at_20_hz_give_349_windows_as_in_the_paper():
     windows = sliding_windows(np.zeros((3600, 3)), n_steps=120, stride=10)
     assert windows.shape == (349, 120, 3)

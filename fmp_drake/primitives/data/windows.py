@@ -30,8 +30,8 @@ UNSTATED_RATE = UnstatedRate(DEFAULT_RATE)
 _WHAT = "the windows (or give a Demonstration, or a list of them)"
 # Most channels of an array that is transposed by mistake.
 _MOST_CHANNELS = 16
-# Most values in a window; a mixture of windows of 4500 takes half a minute to learn.
-_MOST_VALUES = 6000
+# Most values in a window; a mixture of windows of 8400 takes a minute to learn.
+_MOST_VALUES = 10_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -286,7 +286,8 @@ def as_windows(
     Raises
     ------
     DemonstrationError
-        Where they have different channels, or give fewer than `at_least` windows.
+        Where they have different channels, give fewer than `at_least` windows, or windows of
+        too many values.
     """
     recordings = _recordings(X, rate=rate)
     if recordings is not None:

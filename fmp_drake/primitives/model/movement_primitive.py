@@ -105,7 +105,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         120) where None.
     rate : float
         Samples per second (Hz); demonstrations are resampled to it. A window has at most
-        6000 values: give an array at 1 kHz as ``Demonstration(time=time, values=array)``,
+        10 000 values: give an array at 1 kHz as ``Demonstration(time=time, values=array)``,
         which is resampled to 20 Hz.
     n_components : int or "automatic"
         M, Gaussians in the mixture. "automatic": 80, or fewer where the recordings are
