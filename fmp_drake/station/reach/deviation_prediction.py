@@ -60,12 +60,13 @@ def predict_deviation(
     The deviations δ, predicted minus actual positions of the joints, obey the closed loop,
     ``M δ̈ + (Jᵀ D J + 2 ζ ω N) δ̇ + (Jᵀ K J + ω² N) δ = τ + N (q̈ − a)`` with
     ``N = M − Jᵀ Λ J``. τ is the torque of `wall_torque` that brakes a joint above its
-    allowed speed and keeps it out of its limits, and of the damping of the joints. Near a singularity the law bounds Λ and
-    accelerates the eraser too little, which is the term N (q̈ − a): q is the predicted
-    motion, and a the acceleration of the posture. The same holds where other joints should
-    compensate for one at its limit. K contains the felt along the normal, as long as there
-    is contact. It is integrated by one implicit Euler step per sample. The controller of the
-    normal force reduces the error, if enabled, and is assumed to keep the contact.
+    allowed speed and keeps it out of its limits, and of the damping of the joints. Near a
+    singularity the law bounds Λ and accelerates the eraser too little, which is the term
+    N (q̈ − a): q is the predicted motion, and a the acceleration of the posture. The same
+    holds where other joints should compensate for one at its limit. K contains the felt
+    along the normal, as long as there is contact. It is integrated by one implicit Euler
+    step per sample. The controller of the normal force reduces the error, if enabled, and
+    is assumed to keep the contact.
 
     Parameters
     ----------

@@ -57,9 +57,10 @@ class Feasibility:
         limits, or the arm is nearly singular; ``friction_lag`` of the eraser (rms, m); the
         predicted ``tracking_error`` (rms, m); ``force_error`` (rms, N), and
         ``unsteady_fraction`` of the samples at which such joints and poses out of reach
-        change the normal force by more than 5 N; ``push_deviation``, the height to which scripted pushes lift the
-        eraser off the board (m); the ``largest_tempo`` at which no joint is braked, and the
-        ``largest_press`` (N) that friction and the joints' torques allow.
+        change the normal force by more than 5 N; ``push_deviation``, the height to which
+        scripted pushes lift the eraser off the board (m); the ``largest_tempo`` at which
+        no joint is braked, and the ``largest_press`` (N) that friction and the joints'
+        torques allow.
         Ratios exclude `FollowingBounds.exceptions` of the samples. In free space there are
         no clearance, friction and normal force; the angle needs rotation channels.
     start : array, shape (3,)
