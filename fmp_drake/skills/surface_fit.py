@@ -59,8 +59,8 @@ class FittedSurface:
         Robust standard deviation of the distance from every shape that was tried, m: 1.48 times
         its median; infinite where the shape does not fit from this side.
     side : str
-        How it is known on which side the tool is: `lifts`, `tool` (its z axis is taken to
-        point into the surface) or, where neither tells, `up` (z of D).
+        How it is known on which side the tool is: `lifts`, `up` (z of D), or, at a wall,
+        `tool` (its z axis is taken to point into the surface).
     """
 
     shape: str
@@ -138,9 +138,9 @@ def fit_surface(
     a line on each of them, that over which the tool tilts far less is chosen. The loss is
     robust, so a few of the points may be lifts.
 
-    The normal points to the side of lifts, approach and retreat. Without these the tool's z
-    axis is taken to point into the surface if it is about normal to it; otherwise the normal
-    points up (z of D), and that of a wall to the side from which a shape fits better.
+    The normal points to the side of lifts, approach and retreat. Without these it points up
+    (z of D). That of a wall points against the tool's z axis, which is taken to point into the
+    surface if it is about normal to it, or else to the side from which a shape fits better.
 
     Parameters
     ----------
@@ -185,10 +185,10 @@ def fit_surface(
     frame = _upwards(sample, lifted)
     chosen, residuals = _choose(sample, frame, shape, tool)
     # The sphere of a dome is a bowl's from the other side: a given shape tells it, too. A wall
-    # has no upper side, so its shape tells it.
-    is_given = shape not in (None, "plane")
-    pointing = None if is_given else tool
-    by_shape = is_given or abs(frame[2, 2]) < _LEVEL
+    # has no upper side, so the tool or its shape tells it.
+    is_given, is_wall = shape not in (None, "plane"), abs(frame[2, 2]) < _LEVEL
+    pointing = tool if is_wall and not is_given else None
+    by_shape = is_given or is_wall
     side, evidence = _side(chosen, lifted, pointing)
     if evidence < 0 or (evidence == 0 and (by_shape or len(lifted))):
         other, their = _choose(sample, frame * [1.0, -1.0, -1.0], shape, tool)

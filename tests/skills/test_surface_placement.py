@@ -133,30 +133,31 @@ def test_shapes_that_share_the_path_are_told_by_the_tool(shape):
 
 
 @pytest.mark.parametrize("shape", ["cylinder", "dome", "bowl"])
-@pytest.mark.parametrize(
-    "frame", [R_DS, Rotation.from_euler("x", 3.0)], ids=["up", "down"]
-)
-def test_side_of_a_surface_without_lifts_is_that_of_the_tool(shape, frame):
-    *_, points = wiping(shape, approach=False)
-    _, uvh, on, _ = wiping(shape, approach=False)
+@pytest.mark.parametrize("is_wall", [False, True])
+def test_side_of_a_surface_without_lifts_is_upwards_or_that_of_the_tool(shape, is_wall):
+    _, uvh, on, points = wiping(shape, approach=False)
     on = uvh[:, 0] < 0.08  # A weak force is not a lift.
+    frame = Rotation.from_euler("yz", [np.pi / 2, 3.0]) if is_wall else R_DS
     points = frame.apply(R_DS.apply(points - P_DS, inverse=True))
-    into = Rotation.from_euler("x", np.pi)
-    tool = frame * Rotation.from_matrix(rotations(SURFACES[shape], uvh)) * into
-    fit = fit_surface([points], [on], tools=[tool])
-    assert fit.shape == shape
-    assert fit.radius == pytest.approx(RADII[shape], rel=0.05)
-    assert "its z axis is taken to point into the surface" in fit.describe()
-    below = "taken to be touched from below (z of the recording)"
-    assert (below in fit.describe()) == (frame is not R_DS)
-    assert ("--surface dome" in fit.describe()) == (shape != "cylinder")
-    if frame is R_DS:
+    out_of = frame * Rotation.from_matrix(rotations(SURFACES[shape], uvh))
+    into = out_of * Rotation.from_euler("x", np.pi)
+    # A tracked tool may point upwards.
+    for tool in [into] if is_wall else [into, out_of]:
+        fit = fit_surface([points], [on], tools=[tool])
+        assert fit.shape == shape
+        assert fit.radius == pytest.approx(RADII[shape], rel=0.05)
+        found = fit.describe()
+        assert ("its z axis is taken to point into the surface" in found) == is_wall
+        place = "a side" if is_wall else "above"
+        assert f"taken to be touched from {place} (z of the recording)" in found
+        assert ("--surface dome" in found) == (shape != "cylinder")
+    if not is_wall:
         fit = fit_surface([points], [on])
         assert fit.shape == shape
         assert "taken to be touched from above" in fit.describe()
     if shape == "bowl":  # The sphere of a dome, from the other side.
         every = np.ones(len(points), dtype=bool)
-        fit = fit_surface([points], [every], tools=[tool], shape="dome")
+        fit = fit_surface([points], [every], tools=[into], shape="dome")
         assert fit.residual < 0.002
 
 
