@@ -45,7 +45,7 @@ def test_missing_picture_of_a_robot_is_found_before_it_is_used(refused, tmp_path
     ("flange", "reverse", "message"),
     [
         ("ur5e_link4", False, "ur5e_joint5 does not move end_effector eraser_tip"),
-        ("ur5e_flange", True, "ur5e_joint1. Write them in this order, as the trans"),
+        ("ur5e_flange", True, "ur5e_joint1. Write the transmissions in the order of"),
     ],
 )
 def test_a_robot_that_no_station_can_control_is_listed_with_the_reason(

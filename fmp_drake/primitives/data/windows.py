@@ -286,8 +286,7 @@ def as_windows(
     Raises
     ------
     DemonstrationError
-        Where they have different channels, give fewer than `at_least` windows, or windows of
-        too many values.
+        Where they have different channels, or give fewer than `at_least` windows.
     """
     recordings = _recordings(X, rate=rate)
     if recordings is not None:
@@ -300,7 +299,6 @@ def as_windows(
         recordings = [part for parts in split for part in parts]
         first = np.array([X[i].time[0] for i in sources])
         resampled = [part.resample(rate).values for part in recordings]
-        _check_size(min(n_steps, max(map(len, resampled))), resampled[0].shape[1], rate)
         cut = [sliding_windows(y, n_steps=n_steps, stride=stride) for y in resampled]
         counts = [len(windows) for windows in cut]
         if sum(counts) < at_least:
@@ -332,8 +330,10 @@ def as_windows(
     return Windows(values=values, example=None)
 
 
-def _check_size(n_steps: int, channels: int, rate: float) -> None:
+def check_window_size(recordings: Sequence[Array], n_steps: int, rate: float) -> None:
     """Refuse windows that take many minutes to learn, such as those of 1 kHz."""
+    n_steps = min(n_steps, max(map(len, recordings)))
+    channels = recordings[0].shape[1]
     if n_steps * channels > _MOST_VALUES:
         raise DemonstrationError(
             f"a window of {n_steps / rate:.3g} s at {rate:g} Hz has {n_steps} samples of "

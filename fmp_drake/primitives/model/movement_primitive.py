@@ -20,6 +20,7 @@ from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import (
     UNSTATED_RATE,
     as_learned,
+    check_window_size,
     cut_demonstrations,
     demonstration_list,
     extent_of,
@@ -104,9 +105,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
         Samples between the starts of two windows; a sixtieth of a window (2 samples of
         120) where None.
     rate : float
-        Samples per second (Hz); demonstrations are resampled to it. A window has at most
-        10 000 values: give an array at 1 kHz as ``Demonstration(time=time, values=array)``,
-        which is resampled to 20 Hz.
+        Samples per second (Hz); demonstrations are resampled to it. Unless a mixture is
+        requested, a window has at most 10 000 values: give an array at 1 kHz as
+        ``Demonstration(time=time, values=array)``, which is resampled to 20 Hz.
     n_components : int or "automatic"
         M, Gaussians in the mixture. "automatic": 80, or fewer where the recordings are
         short: one for each 7 windows, at least 5. It is an upper limit for the phase
@@ -295,8 +296,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
             recorded, counts = weighted_windows(self._windows(X, at_least=0), weights)
             recordings, example = recorded.recordings(), recorded.example
             samples = np.concatenate(recordings)
-            d = samples.shape[1]
-            self.n_channels_ = d
+            d = self.n_channels_ = samples.shape[1]
             self.channels_ = example.channels if example else default_channels(d)
             self.units_ = example.units if example else ("m",) * d
             self.frame_ = example.frame if example else ""
@@ -304,9 +304,9 @@ class FourierMovementPrimitive(TrajectoryMixture):
             self.scales_ = channel_scales(self.scales, samples, self.units_)
             tracked = self._tracked_rhythm(recordings, counts, period, progress)
             if tracked is not None and self._fits(tracked, are_windows=example is None):
-                start = 0.0 if start_time is None else start_time
                 self.rhythm_: Rhythm | None
-                self.rhythm_ = tracked.rhythm.located(recorded.origins(), start)
+                origins = recorded.origins()
+                self.rhythm_ = tracked.rhythm.located(origins, start_time or 0.0)
                 self._learn_phase(tracked, are_windows=example is None)
             else:
                 self._learn_mixture(X, weights, progress)
@@ -371,8 +371,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         """Learn the mixture of all windows."""
         if self._given_steps is None and self.model == "automatic":
             recordings = self._windows(X, at_least=0).recordings()
-            longest = max(map(len, recordings))
-            self.n_steps_ = self.mixture_steps(longest)
+            self.n_steps_ = self.mixture_steps(max(map(len, recordings)))
         windows, counts = weighted_windows(self._windows(X, at_least=2), weights)
         values = windows.values
         self.model_, self.rhythm_, self.phase_model_ = "mixture", None, None
@@ -439,6 +438,7 @@ class FourierMovementPrimitive(TrajectoryMixture):
         if self.model == "mixture":
             self.model_reason_ = "it was requested"
             return None
+        check_window_size(recordings, self.n_steps, self.rate)
         count = self.n_components
         is_small = count != "automatic" and count < LEAST_COMPONENTS
         if self.model == "automatic" and is_small:

@@ -143,12 +143,13 @@ def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
     ):
         indices = plant.GetJointActuatorIndices()
         actuated = [plant.get_joint_actuator(i).joint().name() for i in indices]
-        listed = f": {', '.join(actuated)}" if actuated else ""
+        listed = ""
+        if actuated:
+            listed = f": {', '.join(actuated)}. Write the transmissions in the order of the joints"
         raise SystemsError(
             f"The controller's plant must have one actuator for each of its {n} joints, "
             f"in their order {', '.join(joint.name() for joint in joints)}; it has "
-            f"{len(actuated)}{listed}. Write them in this order, as the transmissions of a "
-            "URDF."
+            f"{len(actuated)}{listed}."
         )
     if plant.num_constraints():
         raise SystemsError(
