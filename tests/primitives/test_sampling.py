@@ -113,7 +113,7 @@ def test_choice_draws_samples_out_where_the_region_allows_it(skill):
 
 
 @pytest.mark.parametrize(
-    ("scored", "others"), [(None, []), ((0, 1), [2, 3]), ((1,), [0, 2, 3])]
+    ("scored", "others"), [(None, [3]), ((0, 1), [2, 3]), ((1,), [0, 2, 3])]
 )
 def test_choice_draws_out_only_the_scored_channels(
     wiping_demonstration, scored, others

@@ -391,7 +391,7 @@ class Player:
             Returns the scores (S,) of S samples from their values (S, N, D) at the ticks up
             to the next re-mapping. Samples with greater scores are tried first.
         scored : sequence of int, optional
-            Channels on which the score depends: all where None.
+            Channels on which the score depends: those in m where None.
 
         Examples
         --------
@@ -416,9 +416,11 @@ class Player:
         if region is None and score is None:
             return self._tracking(state, centre[0] + deviation[0])
         if region is not None and score is not None:
-            widened = deviation.reshape(len(deviation), skill.n_channels_, -1)
-            channels = slice(None) if scored is None else list(scored)
-            widened[:, channels] *= _WIDENING[skill.model_]
+            if scored is None:
+                scored = [i for i, unit in enumerate(skill.units_) if unit == "m"]
+            factors = np.ones(skill.n_channels_)
+            factors[list(scored)] = _WIDENING[skill.model_]
+            deviation *= np.repeat(factors, skill.n_steps)
         if skill.phase_model_ is not None:
             # The last candidate is the expected window, which was checked to stay inside.
             expected = skill.expected(state.component, past)
