@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint
 from pydrake.systems.framework import CacheIndex, Context, LeafSystem, ValueProducer
 
 from fmp_drake.errors import SystemsError
@@ -117,10 +117,15 @@ def joint_limits(plant: MultibodyPlant) -> JointLimits:
 
 def joint_damping(plant: MultibodyPlant) -> Array:
     """Return the viscous damping of an arm's joints, shape (n,), Nm s/rad."""
+    joints = _moving_joints(plant)
+    return np.concatenate([joint.default_damping_vector() for joint in joints])
+
+
+def _moving_joints(plant: MultibodyPlant) -> list[Joint]:
+    """Return the joints of a plant that can move, in the order of its velocities."""
     joints = [plant.get_joint(i) for i in plant.GetJointIndices()]
     joints = [joint for joint in joints if joint.num_velocities()]
-    joints.sort(key=lambda joint: joint.velocity_start())
-    return np.concatenate([joint.default_damping_vector() for joint in joints])
+    return sorted(joints, key=lambda joint: joint.velocity_start())
 
 
 def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
@@ -135,9 +140,7 @@ def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
             f"{plant.num_positions()} positions and {n} velocities, not equal numbers "
             "above 0."
         )
-    joints = [plant.get_joint(i) for i in plant.GetJointIndices()]
-    joints = [joint for joint in joints if joint.num_velocities()]
-    joints.sort(key=lambda joint: joint.velocity_start())
+    joints = _moving_joints(plant)
     if plant.num_actuators() != n or not np.array_equal(
         plant.MakeActuationMatrix(), np.eye(n)
     ):
@@ -145,7 +148,10 @@ def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
         actuated = [plant.get_joint_actuator(i).joint().name() for i in indices]
         listed = ""
         if actuated:
-            listed = f": {', '.join(actuated)}. Write the transmissions in the order of the joints"
+            listed = (
+                f": {', '.join(actuated)}. Write the transmissions in the order of "
+            )
+            listed += "the joints"
         raise SystemsError(
             f"The controller's plant must have one actuator for each of its {n} joints, "
             f"in their order {', '.join(joint.name() for joint in joints)}; it has "

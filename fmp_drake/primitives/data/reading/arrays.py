@@ -17,6 +17,7 @@ from fmp_drake.errors import SkillFileError
 from fmp_drake.numeric import Mask
 from fmp_drake.primitives.data.channels import listed
 from fmp_drake.primitives.data.files import FileFormat, read_npz
+from fmp_drake.primitives.data.reading.groups import are_orthonormal
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
     TIME_NAME,
@@ -145,20 +146,16 @@ def _aligned(arrays: Mapping[str, NDArray[Any]], count: int) -> dict[str, NDArra
     for name, array in arrays.items():
         if array.shape[1:] == (1, 4, 4):
             array = array[:, 0]
-        if array.shape[1:] in ((3, 4), (4, 4)) or _is_rotations(array):
+        # Covariances, too, are (N, 3, 3).
+        has_rotations = array.shape[1:] == (3, 3) and array.dtype.kind in "iuf"
+        has_rotations = has_rotations and are_orthonormal(array)
+        if array.shape[1:] in ((3, 4), (4, 4)) or has_rotations:
             array = array.reshape(len(array), -1)
         if array.ndim == 2 and 1 in array.shape:
             array = array.ravel()
         is_transposed = array.ndim == 2 and array.shape[1] == count != array.shape[0]
         aligned[name] = array.T if is_transposed else array
     return aligned
-
-
-def _is_rotations(array: NDArray[Any]) -> bool:
-    """Return whether an array (N, 3, 3) holds orthonormal matrices, no covariances."""
-    if array.shape[1:] != (3, 3) or array.dtype.kind not in "iuf":
-        return False
-    return not np.any(np.abs(array @ array.mT - np.eye(3)) > 0.01)
 
 
 def _tables_of(

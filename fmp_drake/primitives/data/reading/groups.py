@@ -34,7 +34,6 @@ _RATES_OF_JOINTS = ("velocity", "effort")
 # Greatest error of a quaternion's length, where the name does not say that it is a
 # quaternion, and where it does.
 _EXACT, _STATED = 1e-3, 0.1
-_LAST_ROW = (0.0, 0.0, 0.0, 1.0)  # Of a 4 x 4 matrix.
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -200,21 +199,27 @@ def _recognise(
     if is_pose and _is_unit(values[:, 3:], _EXACT):
         numbers = np.hstack([values[:, :3], values[:, 3:][:, order]])
         return pose, [""] * 7, numbers, not stated
-    if count == 9 and _MATRICES.fullmatch(prefix):
+    first = 0
+    if count == 9 and _MATRICES.fullmatch(prefix):  # Without a position.
+        first, count = 3, 12
         values = np.insert(values, [3, 6, 9], 0.0, axis=1)
-        turns = _matrix_poses(np.hstack([values, np.tile(_LAST_ROW, (len(values), 1))]))
-        return None if turns is None else (pose[3:], [""] * 4, turns[:, 3:], False)
     if count == 12:
-        values = np.hstack([values, np.tile(_LAST_ROW, (len(values), 1))])
-        count = 16
+        last = np.tile([0.0, 0.0, 0.0, 1.0], (len(values), 1))
+        values, count = np.hstack([values, last]), 16
     if count == 16 and (poses := _matrix_poses(values)) is not None:
-        return pose, units, poses, False
+        return pose[first:], units[first:], poses[:, first:], False
     return None
 
 
 def _is_unit(quaternions: Array, error: float) -> bool:
     lengths = np.linalg.norm(quaternions, axis=1)
     return bool(np.all(np.abs(lengths[~np.isnan(lengths)] - 1) < error))
+
+
+def are_orthonormal(matrices: Array) -> bool:
+    """Return whether matrices (N, 3, 3) are orthonormal to a hundredth, or NaN."""
+    products = matrices @ np.swapaxes(matrices, 1, 2)
+    return not np.any(np.abs(products - np.eye(3)) > 1e-2)
 
 
 def _matrix_poses(values: Array) -> Array | None:
@@ -225,9 +230,8 @@ def _matrix_poses(values: Array) -> Array | None:
     if not np.allclose(X[:, 3], [0, 0, 0, 1]):
         X = np.swapaxes(X, 1, 2)
     R = X[:, :3, :3]
-    is_rigid = np.allclose(R @ np.swapaxes(R, 1, 2), np.eye(3), atol=1e-2)
-    is_rigid &= bool(np.all(np.linalg.det(R) > 0))  # No reflection.
-    if not is_rigid or not np.allclose(X[:, 3], [0, 0, 0, 1]):
+    is_rigid = np.all(np.linalg.det(R) > 0)  # No reflection.
+    if not (is_rigid and are_orthonormal(R)) or not np.allclose(X[:, 3], [0, 0, 0, 1]):
         return None
     out = np.hstack([X[:, :3, 3], Rotation.from_matrix(R).as_quat()])
     out[~is_known] = np.nan
