@@ -4,8 +4,8 @@ Keypoints: positions and velocities at given times
 
 A learned movement is a distribution over whole windows. It can be conditioned on any linear
 function of a window: its start, a position at some time, a velocity. This is equation (13) of
-the paper. It takes less than a millisecond for the start of a window, and about ten for new
-keypoints.
+the paper. It takes less than a millisecond for the start of a window, and some milliseconds
+for new keypoints.
 """
 
 import matplotlib.pyplot as plt

@@ -32,10 +32,13 @@ _STARTS = (0.15, 0.5, 2.0)
 _SAMPLES, _LEAST_SAMPLES = 1000, 20
 # Largest residual relative to the extent of the contact, and that of a remark, m.
 _MOST_RESIDUAL, _LARGE_RESIDUAL = 0.2, 0.01
-# Height of a lift beyond three residuals, and distance from the contact within which it tells
-# the side, m; samples that are needed. Least cosine between the tool's axis and the normal,
-# and largest one between z of D and the normal of a wall.
-_LIFTED, _ERRORS, _NEAR, _LEAST_LIFTED, _ALONG, _LEVEL = 0.01, 3.0, 0.1, 4, 0.7, 0.3
+# Least height of a lift, in m beyond a number of residuals.
+_LIFTED, _ERRORS = 0.01, 3.0
+# Distance from the contact within which lifts tell the side best, m; samples that are needed.
+_NEAR, _LEAST_LIFTED = 0.1, 4
+# Least cosine between the tool's axis and the normal; greatest one between z of D and the
+# normal of a wall.
+_ALONG, _LEVEL = 0.7, 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -118,8 +121,8 @@ class FittedSurface:
                 remarks += ", or choose --surface dome or bowl"
         if self.residual > _LARGE_RESIDUAL:
             remarks += (
-                "; this is far: the contact may contain lifts, which a force or an orientation "
-                "tells (record it), or choose a part with --start-time and --end-time"
+                "; this is far: the contact may contain lifts, which a recorded force or "
+                "orientation would show; or choose a part with --start-time and --end-time"
             )
         return f"{self.shape}{radius} fitted to the contact (residuals in mm: {tried}){remarks}"
 

@@ -210,7 +210,7 @@ class BoardReach:
 
     @property
     def hindrance(self) -> str:
-        """What may hinder the joints: text of a verdict."""
+        """What can keep the joints from following the motion, in words of a verdict."""
         words = "braked, nearly singular or at their limits"
         if largest := np.max(self.damping):
             words = (
