@@ -19,12 +19,12 @@ class ReproduceOptions:
     """Experiments, and files to write."""
 
     out: Path = option(help="Folder to write into.")
-    quick: bool = option(False, "Fewer samples and seeds: about ten minutes.")
+    quick: bool = option(False, "Fewer samples and seeds: about three minutes.")
 
 
 @command(
     {
-        "fmp-drake reproduce --out report --quick": "the report in about ten minutes",
+        "fmp-drake reproduce --out report --quick": "the report in about three minutes",
     }
 )
 def reproduce(to: ReproduceOptions) -> None:
