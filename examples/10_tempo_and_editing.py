@@ -2,8 +2,8 @@
 Edit tempo, place, size and rhythm
 ==================================
 
-A learned skill can be edited exactly, without learning it again. Every edit is a linear map
-of the windows, so it maps the Gaussians of the mixture.
+A learned skill can be edited without learning it again: every edit maps the Gaussians of
+its windows and the cycle of its phase model.
 """
 
 import matplotlib.pyplot as plt

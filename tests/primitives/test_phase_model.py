@@ -719,10 +719,27 @@ def test_an_edited_skill_has_the_edited_phase_model(small):
     assert scale_tempo(skill, 2.0).period_ == pytest.approx(skill.period_ / 2)
 
 
-def test_a_skill_with_other_harmonics_is_a_mixture(small):
-    louder = modulate_skill(small[0], harmonics=[2], gain=1.5)
-    assert (louder.model_, louder.phase_model_) == ("mixture", None)
-    assert louder.sample(2).shape == (2, 60, 2)
+def test_other_harmonics_of_a_window_are_those_of_the_cycle(small):
+    skill, _ = small
+    louder = modulate_skill(skill, harmonics=range(1, 31), gain=1.5, channels=["y"])
+    phase = np.linspace(0, 2 * np.pi, 50)
+    before, after = (s.phase_model_.cycle.values(phase) for s in (skill, louder))
+    middle = skill.phase_model_.cycle.coefficients[0]
+    np.testing.assert_allclose(
+        after, middle + [1, 1.5] * (before - middle), rtol=0.02, atol=0.02
+    )
+    reach, louder_reach = (
+        np.ptp(Player(s, sample=True).rollout([0, 0], 60.0)[300:, 0], axis=0)
+        for s in (skill, louder)
+    )
+    assert louder_reach[1] / reach[1] == pytest.approx(1.45, abs=0.1)
+    shifted = modulate_skill(skill, harmonics=range(1, 30), phase=np.pi)
+    np.testing.assert_allclose(
+        shifted.phase_model_.cycle.values(phase) - middle,
+        middle - before,
+        rtol=0.02,
+        atol=0.02,
+    )
 
 
 # Recordings as people make them ---------------------------------------------

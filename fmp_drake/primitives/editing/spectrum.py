@@ -30,6 +30,7 @@ from fmp_drake.primitives.model.movement_primitive import (
     FourierMovementPrimitive,
     copy_skill,
 )
+from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.primitives.model.trajectory_mixture import check_skill
 
 _SAMPLES, _EXTENT_SAMPLES = 1000, 200
@@ -314,51 +315,75 @@ def modulate_skill(
     the mapped one by eps (1 - gain^2) in the weights of these harmonics. It is white
     noise and the regulariser, which no playback follows.
 
+    With a phase model, the harmonics of the cycle are changed instead: each one by the
+    part of it that a window has in the named harmonics. Mapped windows would not repeat
+    where these are not those of a cycle. Its residual does not change.
+
     Parameters
     ----------
     skill : FourierMovementPrimitive
         Fitted; not changed.
     harmonics, gain, phase
-        See `modulate_windows`.
+        See `modulate_windows`; those of a window also with a phase model.
     channels : sequence of str, optional
         Names; all where None.
 
     Returns
     -------
     FourierMovementPrimitive
-        Its `extent_` is that of 200 samples. It was not demonstrated, so `paths_` is empty.
-        It is a mixture without a phase model: the harmonics of a window are not those of a
-        cycle.
+        Its `extent_` is that of 200 samples. It was not demonstrated, so `paths_` is empty
+        and its predictions are not calibrated.
     """
     check_skill(skill, "modulate_skill(skill)")
     index = channel_indices(channels, skill.channels_)
 
-    def modulated(windows: Array) -> Array:
-        return modulate_windows(
-            windows, harmonics=harmonics, gain=gain, phase=phase, channels=index
-        )
-
     def mapped(weights: Array) -> Array:
-        return skill.basis.analyze(modulated(skill.basis.synthesize(weights)))
+        windows = modulate_windows(
+            skill.basis.synthesize(weights),
+            harmonics=harmonics,
+            gain=gain,
+            phase=phase,
+            channels=index,
+        )
+        return skill.basis.analyze(windows)
 
     components = []
     for component in skill.components_:
         shifted_component = replace(component, mean=mapped(component.mean))
         basis = mapped(component.basis.T).T
         components.append(_with_factor(shifted_component, basis))
-    # Drawn from the original: samples of a phase model's Gaussians would leave the cycle.
-    samples = modulated(skill.sample(_EXTENT_SAMPLES, with_noise=False))
-    return copy_skill(
+    model = skill.phase_model_
+    if model is not None:
+        numbers = sorted({int(k) for k in harmonics})
+        factors = np.ones((model.cycle.harmonics + 1, skill.n_channels_), complex)
+        parts = _parts_of_harmonics(model, numbers, skill.n_steps)
+        factors[:, index] += parts[:, None] * (gain * np.exp(1j * phase) - 1)
+        model = replace(model, cycle=model.cycle.modulated(factors))
+    out = copy_skill(
         skill,
         components_=tuple(components),
-        phase_model_=None,
+        phase_model_=model,
         calibration_=None,
         memory_=(),
-        model_="mixture",
         model_reason_="the harmonics of its windows were changed",
-        extent_=np.stack([samples.min(axis=(0, 1)), samples.max(axis=(0, 1))]),
         paths_=(),
     )
+    samples = out.sample(_EXTENT_SAMPLES, with_noise=False)
+    extent = np.stack([samples.min(axis=(0, 1)), samples.max(axis=(0, 1))])
+    return copy_skill(out, extent_=extent)
+
+
+def _parts_of_harmonics(
+    model: PhaseModel, harmonics: Sequence[int], n_steps: int
+) -> Array:
+    """Return how much of each harmonic of a cycle is in some harmonics of a window.
+
+    Fractions of the energy, from the mean of the cycle on.
+    """
+    order = np.arange(model.cycle.harmonics + 1)
+    phases = model.velocity.mean * np.arange(n_steps)
+    energy = np.abs(np.fft.fft(np.exp(1j * order[:, None] * phases), axis=1)) ** 2
+    return energy[:, list(harmonics)].sum(axis=1) / energy.sum(axis=1)
 
 
 def _with_factor(component: LowRankGaussian, factor: Array) -> LowRankGaussian:

@@ -77,6 +77,15 @@ class Cycle:
         rows = _rows(np.asarray(phase, dtype=float), self.harmonics, derivative)
         return rows @ self.coefficients
 
+    def modulated(self, factors: Array) -> "Cycle":
+        """Return the cycle with its mean and harmonics times complex factors (h + 1, D)."""
+        cosines, sines = self.coefficients[1::2], self.coefficients[2::2]
+        products = factors[1:] * (cosines - 1j * sines)
+        coefficients = np.empty_like(self.coefficients)
+        coefficients[0] = factors[0].real * self.coefficients[0]
+        coefficients[1::2], coefficients[2::2] = products.real, -products.imag
+        return Cycle(coefficients=coefficients)
+
     def repetitions(self, tolerance: float) -> int:
         """Return the number of equal cycles in it, up to a fraction of its variance."""
         energy = np.sum(self.coefficients[1:] ** 2, axis=1).reshape(-1, 2).sum(axis=1)
