@@ -57,11 +57,15 @@ def fit(X, **given):
 WITH_NAN = np.where(np.arange(400)[:, None] == 7, np.nan, CIRCLES)
 FRAME = SimpleNamespace(columns=["time", "x"])
 WRONG = {
-    "no rate": (lambda: fit(CIRCLES), r"no times.*\(rate=50\).*time=time"),
+    "no rate": (lambda: fit(CIRCLES), r"no times.*time=time.* 20 Hz.*\(rate=50\)"),
     "no rate after clone": (lambda: clone(NOT_FITTED).fit(CIRCLES), r"\(rate=50\)"),
     "1 kHz": (
         lambda: fit(np.repeat(CIRCLES, 10, axis=0), rate=1000),
         r"4 s at 1000 Hz .* 4000 samples .*len\(array\)\) / 1000, values=array\)",
+    ),
+    "500 Hz": (
+        lambda: fit(np.repeat(CIRCLES, 5, axis=0), rate=500),
+        r"4 s at 500 Hz .* 2000 samples .*len\(array\)\) / 500, values=array\)",
     ),
     "transposed": (lambda: fit(CIRCLES.T, rate=20), r"\(array\.T\), of shape \(400, 3"),
     "transposed values": (lambda: recording(values=CIRCLES.T), r"Give values\.T"),

@@ -32,6 +32,8 @@ _WHAT = "the windows (or give a Demonstration, or a list of them)"
 _MOST_CHANNELS = 16
 # Most values in a window; a mixture of windows of 8400 takes a minute to learn.
 _MOST_VALUES = 10_000
+# Rate above which rhythms of longer windows are found slowly, or not, Hz and samples.
+_HIGH_RATE, _MOST_SAMPLES = 250.0, 1500
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -226,9 +228,10 @@ def _recordings(X: Any, *, rate: float) -> Sequence[Demonstration] | None:
 def _sampled(values: Array, rate: float) -> Demonstration:
     if isinstance(rate, UnstatedRate):
         raise DemonstrationError(
-            f"the array of shape {values.shape} has no times. Give its sample rate in Hz, "
-            "FourierMovementPrimitive(rate=50), or its times, "
-            "Demonstration(time=time, values=array)."
+            f"the array of shape {values.shape} has no times. Give them, "
+            "Demonstration(time=time, values=array), which is learned at "
+            f"{DEFAULT_RATE:g} Hz, or its sample rate in Hz, at which it is learned and "
+            "played, FourierMovementPrimitive(rate=50)."
         )
     count, channels = len(values), values.size // max(1, len(values))
     if count <= _MOST_CHANNELS and 4 * count < channels:
@@ -334,10 +337,11 @@ def check_window_size(recordings: Sequence[Array], n_steps: int, rate: float) ->
     """Refuse windows that take many minutes to learn, such as those of 1 kHz."""
     n_steps = min(n_steps, max(map(len, recordings)))
     channels = recordings[0].shape[1]
-    if n_steps * channels > _MOST_VALUES:
+    has_high_rate = rate > _HIGH_RATE and n_steps > _MOST_SAMPLES
+    if n_steps * channels > _MOST_VALUES or has_high_rate:
         raise DemonstrationError(
             f"a window of {n_steps / rate:.3g} s at {rate:g} Hz has {n_steps} samples of "
-            f"{channels} channels, in all more than {_MOST_VALUES} values; choose a lower "
+            f"{channels} channels, which take minutes to learn; choose a lower "
             "rate or shorter windows. Without a rate, FourierMovementPrimitive() learns at "
             f"{DEFAULT_RATE:g} Hz, also from an array with times: "
             f"Demonstration(time=np.arange(len(array)) / {rate:g}, values=array)."

@@ -105,9 +105,10 @@ class FourierMovementPrimitive(TrajectoryMixture):
         Samples between the starts of two windows; a sixtieth of a window (2 samples of
         120) where None.
     rate : float
-        Samples per second (Hz); demonstrations are resampled to it. Unless a mixture is
-        requested, a window has at most 10 000 values: give an array at 1 kHz as
-        ``Demonstration(time=time, values=array)``, which is resampled to 20 Hz.
+        Samples per second (Hz); demonstrations are resampled to it. High rates learn
+        slowly (20 Hz: a second, 100 Hz: half a minute), and above 250 Hz a window has at
+        most 1500 samples: give such an array as ``Demonstration(time=time,
+        values=array)``, which is resampled to 20 Hz.
     n_components : int or "automatic"
         M, Gaussians in the mixture. "automatic": 80, or fewer where the recordings are
         short: one for each 7 windows, at least 5. It is an upper limit for the phase
