@@ -757,13 +757,12 @@ def ros1_two_poses(folder):
 
 
 @cache
-def franka_type():
+def franka_type(kind, fields):
     from rosbags.typesys import get_types_from_msg
 
-    store = typestore(1)
-    numbers = "float64[16] O_T_EE\nfloat64[7] q\nfloat64[6] O_F_ext_hat_K"
-    kind = "franka_msgs/msg/FrankaState"
-    store.register(get_types_from_msg(f"std_msgs/Header header\n{numbers}", kind))
+    store = typestore(1 if kind == "FrankaState" else 2)
+    kind = f"franka_msgs/msg/{kind}"
+    store.register(get_types_from_msg(f"std_msgs/Header header\n{fields}", kind))
     return store.types[kind]
 
 
@@ -772,9 +771,27 @@ def franka_state(k):
     X = np.eye(4)
     X[:3, :3], X[:3, 3] = TURNS[k].as_matrix(), PATH[k]
     wrench = np.r_[FORCE[k], 0.1, 0.2, 0.3]
-    return franka_type()(
+    fields = "float64[16] O_T_EE\nfloat64[7] q\nfloat64[6] O_F_ext_hat_K"
+    return franka_type("FrankaState", fields)(
         header=header(1, k), O_T_EE=X.T.ravel(), q=JOINTS[k], O_F_ext_hat_K=wrench
     )
+
+
+def franka_robot_state(k):
+    """Return the state of a Franka arm in ROS 2, with a force in another frame."""
+    wrenches = {"k": wrench_stamped(2, k, sign=3), "o": wrench_stamped(2, k)}
+    messages = {
+        "sensor_msgs/JointState measured_joint_state": joint_state(2, k),
+        **{
+            f"geometry_msgs/WrenchStamped {frame}_f_ext_hat_k": wrench
+            for frame, wrench in wrenches.items()
+        },
+        "geometry_msgs/PoseStamped f_t_ee": pose_stamped(2, 0),
+        "geometry_msgs/PoseStamped o_t_ee": pose_stamped(2, k),
+    }
+    values = {field.split()[1]: message for field, message in messages.items()}
+    kind = franka_type("FrankaRobotState", "\n".join(messages))
+    return kind(header=header(2, k), **values)
 
 
 def ros1_out_of_order(folder):

@@ -1037,6 +1037,12 @@ def test_a_bag_by_another_name_is_refused_with_advice(tmp_path):
     renamed = bag.rename(bag.with_suffix(".orig"))
     with pytest.raises(FmpError, match=r"ends with \.bag, \.mcap or \.db3"):
         read_demonstrations([renamed])
+    folder = written(files.ros2_joints, tmp_path).path
+    named_as_ros1 = folder.rename(folder.with_suffix(".bag"))
+    with pytest.raises(
+        FmpError, match=r"folder of a ROS 2 bag; give it a name without"
+    ):
+        read_demonstrations([named_as_ros1])
 
 
 @pytest.mark.parametrize(

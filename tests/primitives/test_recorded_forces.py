@@ -132,12 +132,17 @@ def test_the_force_of_a_faster_topic_of_a_bag_is_averaged(tmp_path):
     assert np.all(np.abs(forces(found)[1:-1, 2]) < 0.3 * -files.FORCE[::4, 2][1:-1])
 
 
+@pytest.mark.parametrize("ros", [1, 2])
 @pytest.mark.parametrize("topic", ["", "/franka,/ft"])
-def test_the_force_of_a_franka_arm_is_read_unless_another_is_named(topic, tmp_path):
+def test_the_force_of_a_franka_arm_is_read_unless_another_is_named(
+    topic, ros, tmp_path
+):
     pytest.importorskip("rosbags")
-    ft = lambda k: files.wrench_stamped(1, k, sign=-1)
-    topics = {"/franka": files.franka_state, "/ft": ft}
-    path = files.bag(tmp_path / "d.bag", topics, ros=1)
+    ft = lambda k: files.wrench_stamped(ros, k, sign=-1)
+    state = files.franka_state if ros == 1 else files.franka_robot_state
+    topics = {"/franka": state, "/ft": ft}
+    path = tmp_path / ("d.bag" if ros == 1 else "bag")
+    path = files.bag(path, topics, ros=ros, storage="MCAP")
     (found,), _ = read_demonstrations([path], ReadingOptions(topic=topic))
     sign = -1 if topic else 1
     assert_allclose(forces(found), sign * files.FORCE, atol=1e-12)

@@ -26,6 +26,7 @@ _POSES = (
     "geometry_msgs/msg/PointStamped",
     "nav_msgs/msg/Odometry",
     "franka_msgs/msg/FrankaState",
+    "franka_msgs/msg/FrankaRobotState",
     "sensor_msgs/msg/JointState",
 )
 # Names of the numbers of a pose.
@@ -92,6 +93,11 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
         raise SkillFileError(
             f"{path} is a bag; give it a name that ends with {', '.join(_ENDINGS[:-1])} "
             f"or {_ENDINGS[-1]}, as it was recorded."
+        )
+    if path.is_dir() and path.suffix == _ENDINGS[0]:
+        raise SkillFileError(
+            f"{path} is the folder of a ROS 2 bag; give it a name without {_ENDINGS[0]}, "
+            "which is for files of ROS 1."
         )
     hint = f"; repair it: rosbag reindex {shlex.quote(str(path))}"
     hint *= path.suffix == ".bag"
@@ -321,6 +327,10 @@ def _numbers(message: Any, prefix: str = "") -> Iterator[tuple[str, float]]:
         # Estimated from the torques of the joints, in the frame of the base.
         wrench = getattr(message, "O_F_ext_hat_K", ())
         yield from zip(_FORCE, map(float, wrench), strict=False)
+        return
+    if hasattr(message, "o_t_ee"):  # The same in ROS 2.
+        yield from _numbers(message.o_t_ee.pose)
+        yield from _numbers(message.o_f_ext_hat_k)
         return
     for name in getattr(message, "__dataclass_fields__", {}):
         value = getattr(message, name)
