@@ -484,6 +484,22 @@ def test_topics_in_rows_of_their_own_are_interpolated_at_the_times_of_the_positi
 
 
 @pytest.mark.parametrize("every", [5, 40])
+def test_a_slower_position_is_read_with_the_mean_of_the_force(every, tmp_path):
+    force = np.where(np.arange(400) % 2, 9.0, 11.0)
+    placed = np.where(np.arange(400)[:, None] % every, np.nan, files.PATH)
+    text = files.lines(files.TIME, *placed.T, force, header="time,x,y,z,force")
+    file = files.write(tmp_path, text.replace("nan", ""))
+    if every == 40:  # 0.8 s
+        with pytest.raises(FmpError, match="390 of 400 samples have no value of x"):
+            read_demonstrations([file.path])
+        return
+    (found,), remarks = read_demonstrations([file.path])
+    assert "320 samples without a position left out, of faster sensors" in remarks[0]
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH[::5], atol=1e-12)
+    assert_allclose(found.select(["force"]).values, 10.0, atol=0.5)
+
+
+@pytest.mark.parametrize("every", [5, 40])
 def test_a_slower_force_is_interpolated_but_not_over_gaps(every, tmp_path):
     force = np.round(10 + 3 * np.sin(files.TIME), 6)
     rows = ["time,x,y,z,force"]

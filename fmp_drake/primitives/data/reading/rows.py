@@ -29,8 +29,8 @@ def interpolated(
     """Interpolate channels of other sensors, which have rows or a rate of their own.
 
     Returns values (n, C), and a mask (n,) of the samples with a position, to be kept. Where
-    most samples are complete, or there is no position, nothing changes. Nothing is interpolated
-    over gaps.
+    most samples are complete, or there is no position during most of the time, nothing
+    changes. Nothing is interpolated over gaps.
     """
     known = ~np.isnan(values)
     axes = np.isin(list(channels), POSITION_CHANNELS)
@@ -38,10 +38,15 @@ def interpolated(
     others = np.flatnonzero(~np.all(known[is_placed], axis=0))
     is_sparse = np.count_nonzero(known[:, others], axis=0) < 2
     are_most = np.mean(np.all(known, axis=1)) >= LEAST_COMPLETE
-    if are_most or not axes.any() or not len(others) or np.any(is_sparse):
-        return values, np.ones(len(values), dtype=bool)
-    values, order = values.copy(), list(channels)
+    order = list(channels)
     forces = np.isin(order, (FORCE_CHANNEL, *FORCE_COMPONENTS))
+    is_usual = are_most or not axes.any() or bool(np.any(is_sparse))
+    if is_usual or not (len(others) or _is_slower(time, known[:, axes])):
+        return values, np.ones(len(values), dtype=bool)
+    if not len(others):  # Faster sensors have values in all rows.
+        count = count_text(len(values) - int(np.count_nonzero(is_placed)), "sample")
+        remarks.append(f"{count} without a position left out, of faster sensors")
+    values = values.copy()
     for i in {*others, *np.flatnonzero(forces)}:
         rows = known[:, i]
         new = at_times(time[is_placed], time[rows], values[rows, i], name=order[i])
@@ -52,9 +57,22 @@ def interpolated(
     if len(index) == 4 and np.count_nonzero(rows) > 1 and np.any(is_new):
         quaternions = values[np.ix_(rows, index)]
         values[np.ix_(is_new, index)] = slerp(time[is_new], time[rows], quaternions)
-    names = ", ".join(name for k, name in enumerate(channels) if k in others)
-    remarks.append(f"{names} interpolated at the times of the position")
+    if names := ", ".join(name for k, name in enumerate(channels) if k in others):
+        remarks.append(f"{names} interpolated at the times of the position")
     return values, is_placed
+
+
+def _is_slower(time: Array, known: Mask) -> bool:
+    """Return whether some samples (n,) have all values (n, C), the others none, without gaps.
+
+    Gaps may take a part of the time.
+    """
+    is_known = np.any(known, axis=1)
+    if not np.array_equal(is_known, np.all(known, axis=1)):
+        return False
+    steps = np.diff(time[is_known])
+    covered = float(np.sum(steps[steps <= LONGEST_GAP]))
+    return covered >= LEAST_COMPLETE * float(time[-1] - time[0])
 
 
 def at_times(time: Array, stamps: Array, values: Array, *, name: str) -> Array:
