@@ -150,6 +150,18 @@ def test_the_force_of_a_franka_arm_is_read_unless_another_is_named(
     assert np.max(rotation_errors(found, files.TURNS)) < 1e-6
 
 
+def test_of_two_wrenches_of_a_franka_arm_that_in_its_base_is_the_force(tmp_path):
+    names = ["time", *"xyz"]
+    wrenches = np.hstack([files.FORCE, 0 * files.FORCE])
+    columns = [files.TIME, *files.PATH.T]
+    for frame, sign in (("K", 3), ("O", 1)):
+        names += [f"{frame}_F_ext_hat_K[{i}]" for i in range(6)]
+        columns += [*(sign * wrenches.T)]
+    text = files.lines(*columns, header=",".join(names))
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(forces(found), files.FORCE, atol=1e-12)
+
+
 def force_file(folder, time, name="force.csv", force=files.FORCE):
     """Write a table as `rostopic echo -p` prints a wrench, and return its path."""
     names = [f"field.wrench.force.{axis}" for axis in "xyz"]
