@@ -25,7 +25,17 @@ from fmp_drake.skills.surface_placement import EXTRA_CHANNELS
 from fmp_drake.station import LoadRobot, LoadScenario, Scenario
 from fmp_drake.station.robots.robot import MakeRobotModel
 
-PATH = click.Path(path_type=Path)
+
+class _PathType(click.Path):
+    """Path that is not empty: as a path, "" is the current folder."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        if value == "":
+            self.fail("the name is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = _PathType(path_type=Path)
 """Type of an argument that is a path."""
 
 SKILL_FLAGS = ("--skill-file", "--skill")

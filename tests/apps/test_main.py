@@ -84,6 +84,7 @@ def test_output_that_cannot_be_written_is_refused_before_the_work(
     assert "there is no folder" in refused(*long, option, missing)
     assert not missing.parent.exists()
     assert "is a folder" in refused(*long, option, tmp_path)
+    assert f"'{option}': the name is empty" in refused(*long, option, "")
 
 
 @pytest.mark.parametrize("name", ["plot.exe", "plot"])
