@@ -202,7 +202,7 @@ def _board_rows(m: Mapping[str, Any]) -> dict[str, str]:
     else:
         area = f"{100 * m['cleaned_fraction_of_demonstrated_area']:.1f} %"
         cleaned = {
-            "cleaned": f"{board}, {area} of the demonstrated area",
+            "cleaned": f"{area} of the demonstrated area, {board}",
             "time to clean": ", ".join([*times, remainder]),
         }
     return cleaned | {

@@ -241,10 +241,16 @@ def _captions(run: StationRun, reel: FilmReel) -> list[str]:
         f"{max(0.0, force - FORCE_TOLERANCE):.3g} to {force + FORCE_TOLERANCE:.3g} N"
         for force in desired
     ]
-    cleaned = 100 * run.cleaned_by(reel.times)
+    fractions = run.cleaned_by(reel.times)
+    cleaned = [
+        f"cleaned {100 * fraction:.{int(fraction >= 0.995)}f} % of the demonstrated area"
+        for fraction in fractions
+    ]
+    if fractions[0] == 1:
+        cleaned = ["the demonstrated paths touch no ink"] * len(texts)
     return [
-        f"{text}\nforce {force:.1f} N (desired {allowed})\ncleaned {percent:.0f} %"
-        for text, force, allowed, percent in zip(
+        f"{text}\nforce {force:.1f} N (desired {allowed})\n{last}"
+        for text, force, allowed, last in zip(
             texts, forces, ranges, cleaned, strict=True
         )
     ]

@@ -506,7 +506,9 @@ class WipingRun(StationRun):
 
     def _replay_series(self) -> dict[str, Array]:
         times = self._ink_times.array()
-        series = {"time": times, "cleaned": self.cleaned_by(times)}
+        series, cleaned = {"time": times}, self.cleaned_by(times)
+        if cleaned[0] < 1:  # Otherwise the demonstrated paths touch no ink.
+            series["cleaned"] = cleaned
         for key, name in (
             ("force", "normal_force"),
             ("desired_force", "desired_normal_force"),

@@ -58,15 +58,19 @@ def test_movement_above_the_board_cleans_nothing(command, outputs, monkeypatch):
     monkeypatch.setattr(
         "fmp_drake.plots.run_page.save", lambda figure, _: figures.append(figure)
     )
-    plot = ("--plot", outputs / "run.png")
+    page = outputs / "run.html"
+    files = ("--plot", outputs / "run.png", "--html", page)
     above = ("--transform", 0, 0, 0.2, 0, 0, 0)
-    result = command("wipe", "--headless", "--duration", 0.5, *above, *plot)
+    result = command("wipe", "--headless", "--duration", 0.5, *above, *files)
     text = " ".join(result.out.split())
     assert "It never comes nearer to the board than 50 mm." in text
     assert "cleaned 0.0 % of the board; the demonstrated paths touch no ink" in text
     assert "time to clean" not in text
     titles = [ax.get_title(loc="left") for ax in figures[0].axes]
     assert "clean: the demonstrated paths touch no ink" in titles
+    replayed = page.read_text(encoding="utf-8")
+    assert '"force": [' in replayed
+    assert '"cleaned": [' not in replayed
 
 
 def test_interrupted_run_writes_its_files(command, outputs, monkeypatch):
@@ -264,6 +268,7 @@ def test_table_of_metrics_is_printed(command):
         "limits",
     ):
         assert name in out
+    assert "% of the demonstrated area, " in out
     assert "nan" not in out
 
 

@@ -354,9 +354,21 @@ class TestFilms:
             render_film(outputs / "film.gif", reel_of(station, 1), **{**VIEW, **change})
         assert list(outputs.iterdir()) == []
 
-    @pytest.mark.parametrize("has_board", [True, False])
+    @pytest.mark.parametrize(
+        ("has_board", "cleaned_by", "cleaned"),
+        [
+            (True, np.asarray, "cleaned 60 % of the demonstrated area"),
+            (
+                True,
+                lambda times: 1.66 * times,
+                "cleaned 99.6 % of the demonstrated area",
+            ),
+            (True, np.ones_like, "the demonstrated paths touch no ink"),
+            (False, None, None),
+        ],
+    )
     def test_film_of_a_run_has_its_path_and_its_numbers(
-        self, has_board, station, outputs, monkeypatch
+        self, has_board, cleaned_by, cleaned, station, outputs, monkeypatch
     ):
         times = np.linspace(0.0, 0.6, 61)
         path = np.stack([0 * times - 0.1, times - 0.3, 0 * times + 0.002], axis=1)
@@ -367,7 +379,7 @@ class TestFilms:
             log_times=lambda _: times,
             grid=GRID,
             desired_force=lambda: 10.0 + 5 * times,
-            cleaned_by=lambda moments: np.asarray(moments),
+            cleaned_by=cleaned_by,
         )
         frames = []
         monkeypatch.setattr(render, "WipingRun", SimpleNamespace if has_board else str)
@@ -380,7 +392,7 @@ class TestFilms:
             assert text.splitlines() == [
                 "1 s",
                 "force 6.0 N (desired 8 to 18 N)",
-                "cleaned 60 %",
+                cleaned,
             ]
         else:
             assert text == "1 s"
