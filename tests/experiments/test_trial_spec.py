@@ -6,7 +6,7 @@ import pytest
 from fmp_drake import FmpError
 from fmp_drake.experiments.trials import TrialSpec
 from fmp_drake.experiments.trials.spec import Distribution, own_files, read_value
-from fmp_drake.station import ParseScenario
+from fmp_drake.station import ParseScenario, models_dir
 
 SPEC = """
 base: {choice: [table_top, vertical]}
@@ -222,6 +222,17 @@ def test_task_of_free_space_that_the_fields_make_is_drawn(tmp_path):
     assert trial.fields["skill"]["demonstration"] == "stirring"
     assert trial.fields["tool"] == str(tmp_path / "stick.sdf")
     assert own_files(trial.fields) == [tmp_path / "stick.sdf"]
+
+
+def test_the_files_of_a_trial_include_the_model_of_its_robot(tmp_path):
+    (tmp_path / "models").mkdir()
+    model = tmp_path / "models" / "mine.urdf"
+    model.write_bytes((models_dir() / "ur5e" / "ur5e.urdf").read_bytes())
+    robot = tmp_path / "mine.yaml"
+    text = (models_dir() / "ur5e" / "ur5e.yaml").read_text()
+    robot.write_text(text.replace("ur5e.urdf", "models/mine.urdf"))
+    trial = TrialSpec("robot: mine.yaml", folder=tmp_path).draw(seed=0, number=0)
+    assert own_files(trial.fields) == [robot, model]
 
 
 def test_missing_specification_lists_the_bundled_ones():

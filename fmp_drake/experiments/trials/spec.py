@@ -356,9 +356,11 @@ def own_files(fields: Mapping[str, Any]) -> list[Path]:
         file = Path(str(value or ""))
         if not file.is_absolute() or file.is_relative_to(models_dir().resolve()):
             continue
-        # A robot's model is beside it.
-        models = file.parent.glob("*.[us]*df") if name == "robot" else ()
-        files += [each for each in (file, *sorted(models)) if each.is_file()]
+        found = {file}
+        if name == "robot":  # Its model may include others beside it.
+            model = Path(LoadRobot(file).model)
+            found |= {model, *model.parent.glob("*.[us]*df")}
+        files += [each for each in sorted(found) if each.is_file()]
     return files
 
 
