@@ -17,6 +17,7 @@ from fmp_drake.apps.options import (
 from fmp_drake.apps.page import make_console, open_page, print_next, show_progress
 from fmp_drake.apps.terminal import noted_interrupts
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import check_number
 from fmp_drake.primitives.data.demonstration import check_ending
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.runs.simulation_loop import advance
@@ -26,6 +27,8 @@ from fmp_drake.systems.teaching.hand_motion import HandMotion, Task
 
 # Time in which the hand settles on the board before the recording, s.
 _SETTLING_TIME = 2.0
+# Longest simulated recording, s.
+_LONGEST = 36_000.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +78,7 @@ def record(to: RecordOptions) -> None:
             guide_arm(console, *arm, is_ended=is_ended).save(to.out)
         console.print(f"wrote {to.out}")
         return
+    check_number(to.duration, "duration", most=_LONGEST, unit="s", error=RunError)
     end = _SETTLING_TIME + to.duration
     motion = HandMotion.make(to.task, duration=end + 1, seed=to.seed)
     check_ending(to.out, has_rotation="rx" in motion.channels)

@@ -48,6 +48,8 @@ def test_seed_determines_the_recording_and_the_name_its_format(command, outputs)
         (("--duration", "nan"), "duration is nan"),
         (("--duration", "inf"), "duration is inf"),
         (("--duration", 0.006), "samples"),
+        (("--duration", 36001), "duration is 36001.0 s; it must be at most 36000.0 s"),
+        (("--minutes", 601), "duration is 36060.0 s; it must be at most 36000.0 s"),
         (("--seed", -1), "seed is -1"),
         (("--task", "dance"), "wiping"),
         (("--scenario", "billiards"), "table_top"),

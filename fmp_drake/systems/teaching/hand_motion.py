@@ -13,8 +13,8 @@ Task = Literal["wiping", "polishing", "eight", "stirring", "pulsing"]
 
 _RATE = 200.0
 _SETTLE = 60.0
-# Longest path, s: the whole of it is drawn at once, in about a gigabyte.
-_LONGEST = 36_000.0
+# Longest path, s, 10 hours and a minute: it is drawn at once, in about a gigabyte.
+_LONGEST = 36_060.0
 
 
 MAX_TURN_RATE = 1.0
