@@ -383,6 +383,33 @@ def test_a_model_that_does_not_fit_its_file_is_refused_with_what_to_do(
         MakeRobotModel(LoadRobot(_own(tmp_path, changes, **fields)))
 
 
+def test_a_model_of_mujoco_is_refused_because_it_has_no_velocity_limits(tmp_path):
+    file = _own(tmp_path, {})
+    file.write_text(file.read_text().replace("own.urdf", "own.xml"))
+    with pytest.raises(
+        StationError, match=r"own\.xml is read as MJCF.* \(\.sdf\) file"
+    ):
+        MakeRobotModel(LoadRobot(file))
+
+
+def test_warnings_about_a_model_are_logged_once_until_it_changes(
+    tmp_path, caplog, capfd
+):
+    friction = {"(<joint [^>]*revolute[^>]*>)": r'\1<dynamics friction="1"/>'}
+    file = _own(tmp_path, friction)
+
+    def warnings():
+        caplog.clear()
+        MakeRobotModel(LoadRobot(file))
+        # Drake's own log, or Python's.
+        return (capfd.readouterr().err + caplog.text).count("non-zero joint friction")
+
+    assert warnings() >= 6
+    assert warnings() == 0
+    _own(tmp_path, friction)
+    assert warnings() >= 6
+
+
 def test_a_file_of_nested_models_is_refused_with_their_names(tmp_path):
     (tmp_path / "two.sdf").write_text(
         '<sdf version="1.9"><model name="cell"><link name="floor"/><model name="arm">'

@@ -1,11 +1,13 @@
 """Folder of the package's models, and models of one link with variable sizes."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pydrake.common
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     AddContactMaterial,
@@ -31,6 +33,9 @@ from fmp_drake.errors import StationError
 
 Colour = tuple[float, float, float]
 
+# Files that have been parsed, with their times of modification.
+_PARSED = set[tuple[Path, int]]()
+
 
 def models_dir() -> Path:
     """Find the folder of models, in an installed wheel or in a checkout.
@@ -55,6 +60,25 @@ def models_dir() -> Path:
         f"no models: package.xml is neither in {folders}. "
         "Install fmp_drake again, or run it from a complete checkout."
     )
+
+
+@contextmanager
+def warned_once(file: str | Path) -> Iterator[None]:
+    """Suppress Drake's warnings about a model file from its second parsing on.
+
+    A command parses the file of a robot ten times. A file that has changed is a new one.
+    """
+    path = Path(file).resolve()
+    key = path, path.stat().st_mtime_ns if path.is_file() else 0
+    # It applies to Python's logging and to Drake's own, but its name is private.
+    set_level = getattr(pydrake.common, "_set_log_level", None)
+    level = set_level("err") if set_level and key in _PARSED else None
+    try:
+        yield
+        _PARSED.add(key)
+    finally:
+        if set_level and level is not None:
+            set_level(level)
 
 
 def linear_colour(colour: Sequence[float]) -> Colour:

@@ -28,7 +28,11 @@ from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array, check_type
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.eraser import AddEraser
-from fmp_drake.station.models.model_files import check_free_name, models_dir
+from fmp_drake.station.models.model_files import (
+    check_free_name,
+    models_dir,
+    warned_once,
+)
 from fmp_drake.station.scenario_parts import (
     EraserConfig,
     PoseConfig,
@@ -261,6 +265,11 @@ def AddRobot(
         " Meshes are found relative to the model, or in its package, a folder with a "
         "package.xml around it; a model may have no <visual>."
     )
+    if Path(config.model).suffix.lower() == ".xml":
+        raise StationError(
+            f"{Path(config.model).name} is read as MJCF (MuJoCo), in which joints have no "
+            "velocity limits; give a URDF (.urdf) or SDF (.sdf) file with these limits."
+        )
     with in_one_line(f"{Path(config.model).name} cannot be read", hint):
         for folder in Path(config.model).absolute().parents[:3]:
             if (folder / "package.xml").is_file() and folder != models_dir():
@@ -294,7 +303,8 @@ def _AddOneModel(parser: Parser, file: str) -> ModelInstanceIndex:
     StationError
         Where it has several, such as nested ones.
     """
-    models = parser.AddModels(file)
+    with warned_once(file):
+        models = parser.AddModels(file)
     if len(models) != 1:
         names = ", ".join(map(parser.plant().GetModelInstanceName, models))
         raise StationError(
@@ -358,8 +368,8 @@ def _CheckModel(
     motors = {actuator.joint().index(): actuator for actuator in actuators}
     if without := [j.name() for j in joints if j.index() not in motors]:
         raise StationError(
-            f"{', '.join(without)} of {model} cannot be moved: a joint needs a transmission "
-            "(an actuator) and an effort limit above 0, Nm."
+            f"{', '.join(without)} of {model} cannot be moved: a joint needs an effort limit "
+            "above 0, Nm, and in a URDF a transmission."
         )
     unlimited = [
         j.name() for j in joints if not 0 < j.velocity_upper_limits()[0] < np.inf

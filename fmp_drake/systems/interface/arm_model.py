@@ -149,9 +149,9 @@ def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
         listed = ""
         if actuated:
             listed = (
-                f": {', '.join(actuated)}. Write the transmissions in the order of "
+                f": {', '.join(actuated)}. Write the transmissions in the order of the "
+                "joints, and in an SDF file the joints from the base to the tool"
             )
-            listed += "the joints"
         raise SystemsError(
             f"The controller's plant must have one actuator for each of its {n} joints, "
             f"in their order {', '.join(joint.name() for joint in joints)}; it has "
