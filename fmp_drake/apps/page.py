@@ -2,6 +2,7 @@
 
 import json
 import logging
+import math
 import shlex
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -219,8 +220,17 @@ def track_frames(console: Console, frames: Sequence[int]) -> Iterable[int]:
 
 
 def metrics_text(metrics: Mapping[str, object]) -> str:
-    """Return metrics as the text of a file (.json)."""
-    return json.dumps(metrics, indent=2) + "\n"
+    """Return metrics as the text of a file (.json), which has null for infinity and NaN."""
+    return json.dumps(_finite(metrics), indent=2, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    is_number = isinstance(value, float)
+    return None if is_number and not math.isfinite(value) else value
 
 
 def write_metrics(

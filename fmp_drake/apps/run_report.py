@@ -1,5 +1,6 @@
 """Results of a run: a table in the terminal, and files."""
 
+import math
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -158,6 +159,8 @@ def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
         )
     if "normal_force_error_rms_n" in m:
         tracking += f"; force error {m['normal_force_error_rms_n']:.2f} N rms"
+    margin = m["joint_limit_margin_min_rad"]
+    nearest = f"{margin:.2f} rad" if margin < math.inf else "none"
     pushed = m["reactive_remap_count"]
     after_pushes = f", {pushed} of them after pushes" if pushed else ""
     rows |= {
@@ -168,8 +171,7 @@ def report_rows(metrics: Mapping[str, Any]) -> dict[str, str]:
         f"{1e3 * m['desired_position_jump_max_m']:.4f} mm",
         "limits": f"torque {100 * m['torque_ratio_max']:.0f} %, torque rate "
         f"{m['torque_rate_max_nm_per_s']:.0f} Nm/s, joint speed "
-        f"{100 * m['joint_speed_ratio_max']:.0f} %, nearest joint limit "
-        f"{m['joint_limit_margin_min_rad']:.2f} rad",
+        f"{100 * m['joint_speed_ratio_max']:.0f} %, nearest joint limit {nearest}",
     }
     if "penetration_max_m" in m:
         rows["surface"] = (

@@ -1,10 +1,13 @@
 """Facts about `fmp-drake check`, and about what `fmp-drake wipe` refuses."""
 
 import json
+import re
 
 import matplotlib.image
 import numpy as np
 import pytest
+
+from fmp_drake.station import models_dir
 
 FAR = "board:\n  translation: [0.80, 0.0, 0.10]\n"
 
@@ -26,6 +29,23 @@ def test_feasible_skill_is_reported_and_drawn(command, outputs):
     figures = json.loads(report.read_text(encoding="utf-8"))
     assert figures["is_feasible"] is True
     assert figures["reachable_fraction"] == 1
+
+
+def test_an_arm_without_joint_limits_has_no_margin_of_them(command, outputs):
+    urdf = (models_dir() / "ur5e" / "ur5e.urdf").read_text()
+    urdf = re.sub("<visual>.*?</visual>", "", urdf, flags=re.DOTALL)
+    urdf = re.sub(' (lower|upper)="[^"]*"', "", urdf)
+    (outputs / "ur5e.urdf").write_text(urdf.replace('"revolute"', '"continuous"'))
+    robot, report = outputs / "ur5e.yaml", outputs / "check.json"
+    robot.write_text((models_dir() / "ur5e" / "ur5e.yaml").read_text())
+    result = command("check", "--robot", robot, "--report", report)
+    assert "can follow this skill: it needs up to" in " ".join(result.out.split())
+
+    def refuse(constant):  # JSON has neither infinity nor NaN.
+        raise ValueError(constant)
+
+    values = json.loads(report.read_text(), parse_constant=refuse)
+    assert values["smallest_joint_margin"] is None
 
 
 def test_infeasible_skill_ends_with_a_code_and_a_picture(command, outputs, far):

@@ -90,6 +90,12 @@ def test_the_table_of_free_space_contains_degrees_and_no_ink(stirred):
     assert rows["what went wrong"] == "nothing"
 
 
+def test_an_arm_without_joint_limits_has_no_nearest_one(stirred):
+    metrics = {**CLOCKS, **stirred[0].metrics(), "events": []}
+    metrics["joint_limit_margin_min_rad"] = np.inf
+    assert report_rows(metrics)["limits"].endswith("nearest joint limit none")
+
+
 def test_the_log_names_the_channels_of_the_skill(stirred, tmp_path):
     run, _ = stirred
     run.save_log(tmp_path / "run.npz", {})

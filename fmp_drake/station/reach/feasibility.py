@@ -246,8 +246,7 @@ class _Check:
             q_posture=posture,
             step=self._step,
         )
-        has_rotation = self._R_TE is not None
-        lag, turn = map(_rms, lengths(deviation, has_rotation=has_rotation))
+        lag, turn = map(_rms, lengths(deviation, has_rotation=self._R_TE is not None))
         values, missed = self._judge_reach(motion, clearance, link, lag)
         values |= self._judge_speed(motion)
         values |= self._judge_force(motion)
@@ -256,9 +255,10 @@ class _Check:
         values |= self._judge_pushes(motion)
         speed, torque = values["largest_speed_ratio"], values["largest_torque_ratio"]
         braked = ", at which joints are braked," if speed > 1 else ""
+        margin = values["smallest_joint_margin"]
+        stays = f"stays {margin:.2f} rad from its joint limits and "
         verdict = (
-            "The arm can follow this skill: it stays "
-            f"{values['smallest_joint_margin']:.2f} rad from its joint limits and needs up "
+            f"The arm can follow this skill: it {stays if margin < np.inf else ''}needs up "
             f"to {100 * speed:.0f} % of the speed limits{braked} and {100 * torque:.0f} % of "
             "the torque limits."
         )
