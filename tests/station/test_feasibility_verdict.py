@@ -263,6 +263,28 @@ def test_an_orientation_out_of_reach_is_not_blamed_on_a_fast_joint(
     assert found.suggested_tempo is None
 
 
+@pytest.mark.parametrize(
+    ("damping", "tolerance"), [(10.0, 0.0059), (10.0, 0.0061), (0.5, 0.0059)]
+)
+def test_damping_holds_the_eraser_back_in_the_direction_of_friction(
+    restless_skill, monkeypatch, damping, tolerance
+):
+    """The lags of both add up, as runs with damped arms of six and seven joints do."""
+    monkeypatch.setattr(board_reach, "joint_damping", lambda _: np.full(7, damping))
+    monkeypatch.setattr(
+        board_reach,
+        "predict_deviation",
+        lambda _config, _limits, motion, *_, **__: deviation_of(motion, lag=0.00275),
+    )
+    scenario = Scenario(tolerance=tolerance)
+    found = CheckFeasibility(scenario, restless_skill, suggest=False)
+    lag, friction = 0.00275, found.values["friction_lag"]
+    assert_allclose(friction, 0.00323, atol=0.00002)
+    expected = lag + friction if damping > 0.5 else np.hypot(lag, friction)
+    assert_allclose(found.values["tracking_error"], expected, rtol=0.01)
+    assert found.is_feasible == (expected < tolerance)
+
+
 @pytest.mark.usefixtures("predicted")
 @pytest.mark.parametrize(("count", "is_feasible"), [(1, True), (40, False)])
 def test_links_that_come_near_the_board_are_named(
@@ -447,6 +469,21 @@ def test_joints_that_are_damped_are_named_and_a_tempo_by_their_lag(
     )
     assert (words in found.verdict) == (damping > 0.5)
     assert found.suggested_tempo == (0.35 if damping > 0.5 else None)
+
+
+def test_joints_whose_damping_disturbs_the_force_are_slowed_down(
+    predicted, restless_skill, monkeypatch
+):
+    """As of an arm that presses 10 N too hard as demonstrated, and less at a lower tempo."""
+    monkeypatch.setattr(board_reach, "joint_damping", lambda _: np.full(7, 10.0))
+
+    def pressing(_config, _limits, motion, *_, **__):
+        return deviation_of(motion, force=1.0 / predicted.asked[-1]["step"])
+
+    monkeypatch.setattr(board_reach, "predict_deviation", pressing)
+    found = CheckFeasibility(Scenario(), restless_skill)
+    assert "the normal force is off by more than 5 N" in found.verdict
+    assert found.suggested_tempo == 0.35
 
 
 @pytest.mark.usefixtures("predicted")

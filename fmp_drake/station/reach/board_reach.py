@@ -251,6 +251,34 @@ class BoardReach:
         is_low = paths[..., 2] < self._scenario.press.engage_height
         return np.tile(is_low, (boards, 1))
 
+    def friction_lag(self, paths: Array, force: Array | float) -> Array:
+        """Return how far friction holds the eraser back, m, shape of the force or (B, T).
+
+        Parameters
+        ----------
+        paths : array, shape (B, T, 3)
+        force : array, shape (boards * B, T), or float
+            Normal force where the eraser presses, N.
+        """
+        config, boards = self._scenario.impedance, np.size(force) // paths[..., 0].size
+        stiffness = min(config.translational_stiffness[:2])
+        soft = config.covariance_stiffness
+        if soft.enabled:  # The geometric mean of the range.
+            stiffness = float(np.sqrt(soft.min_stiffness * soft.max_stiffness))
+        pressed = self.pressed(paths, max(boards, 1))
+        friction = self._scenario.contact_friction() / stiffness
+        return friction * np.where(pressed, force, 0.0)
+
+    def off_path(self, deviation: float, friction_lag: float) -> float:
+        """Return the distance from the path of a deviation with the friction lag, rms, m.
+
+        Damping holds the eraser back along its path, as friction does; other deviations
+        have other directions.
+        """
+        if np.any(self.damping):
+            return deviation + friction_lag
+        return float(np.hypot(deviation, friction_lag))
+
     def missing_board(self, paths: Array) -> tuple[list[str], bool]:
         """Return the faults of paths (B, T, 3) along which the eraser finds no board to press.
 

@@ -203,10 +203,7 @@ class _Check:
             largest_force = max(skill.extent_[1, roles.force], 0.0)
             force = np.clip(values[..., roles.force], 0.0, largest_force)
             self._force = np.tile(force, (boards, 1))
-        # The eraser lags behind its path by friction where it presses, rms, m.
-        pressed = self._reach.pressed(self._paths, boards)
-        friction = self._compliance() * scenario.contact_friction()
-        self._friction_lag = friction * _rms(np.where(pressed, self._force, 0.0))
+        self._friction_lag = _rms(self._reach.friction_lag(self._paths, self._force))
         # Each path starts at another position of the board on its rail, the first at its end.
         count, length = self._paths.shape[:2]
         omega, rail = 2 * math.pi * board.motion.frequency, self._reach.rail
@@ -374,7 +371,7 @@ class _Check:
         """Return the values, and the samples that are out of reach or too near the board.
 
         For poses that are briefly out of reach, the predicted errors decide. That of the
-        position is the root sum of squares of distance, deviation and friction lag.
+        position is the root sum of squares of distance and `off_path`.
         """
         has_rotation, bounds = self._R_TE is not None, self._bounds
         far, tilted, at_spring, margin = self._reach.missed(
@@ -382,7 +379,7 @@ class _Check:
         )
         is_near, is_missed = clearance < bounds.clearance, far | tilted
         distance, tilt = lengths(motion.error, has_rotation=has_rotation)
-        rms = math.hypot(_rms(distance), lag, self._friction_lag)
+        rms = math.hypot(_rms(distance), self._reach.off_path(lag, self._friction_lag))
         is_far = self._is_frequent(far) and (
             rms > self._most_error or self._is_frequent(distance > bounds.farthest)
         )
@@ -489,8 +486,11 @@ class _Check:
             values |= {"force_error": _rms(error), "unsteady_fraction": unsteady}
         if self._faults:
             return values
-        # Friction does not make runs worse than predicted.
-        distance = math.hypot(lag, bounds.tracking_error * self._friction_lag)
+        # Friction does not make runs worse than predicted, nor does damping.
+        distance = max(
+            math.hypot(lag, bounds.tracking_error * self._friction_lag),
+            bounds.tracking_error * self._reach.off_path(lag, self._friction_lag),
+        )
         text, allowed = "", bounds.constant_force_error
         if np.ndim(self._force):
             allowed = bounds.force_error
@@ -501,7 +501,7 @@ class _Check:
         elif distance > self._most_error or turn > bounds.tilt:
             text = (
                 "the tool is off its path by "
-                f"{1e3 * math.hypot(lag, self._friction_lag):.1f} mm "
+                f"{1e3 * self._reach.off_path(lag, self._friction_lag):.1f} mm "
                 f"and {np.rad2deg(turn):.1f} degrees rms"
             )
         elif has_board and unsteady > bounds.unsteady:
@@ -514,7 +514,11 @@ class _Check:
         if text:
             self._faults.append(f"joints are {self._reach.hindrance}, and {text}")
             if np.any(self._reach.damping):  # Its force is proportional to the tempo.
-                tempo = min(tempo, self._tempo * self._most_error / (distance + 1e-9))
+                worst = float(np.quantile(np.abs(error), 1 - bounds.unsteady))
+                left = max(self._scenario.tolerance - self._friction_lag, 1e-9)
+                excess = max(worst / FORCE_TOLERANCE, distance / self._most_error)
+                excess = max(excess, lag / left, 1e-9)
+                tempo = min(tempo, self._tempo / excess)
             self._slower, self._is_disturbed = min(tempo, self._tempo), True
         return values
 
@@ -532,15 +536,6 @@ class _Check:
                 f"off the board; a normal force of {math.ceil(self._firmer)} N withstands it"
             )
         return {"push_deviation": found.lift}
-
-    def _compliance(self) -> float:
-        """Return the distance by which the eraser yields along the board, m/N."""
-        config = self._scenario.impedance
-        stiffness = min(config.translational_stiffness[:2])
-        soft = config.covariance_stiffness
-        if soft.enabled:  # The geometric mean of the range.
-            stiffness = math.sqrt(soft.min_stiffness * soft.max_stiffness)
-        return 1 / stiffness
 
 
 def _rms(values: Array) -> float:
