@@ -490,6 +490,11 @@ def test_meshes_are_found_in_the_package_around_a_model(tmp_path):
     assert robot.plant.num_positions() == 6
 
 
+def test_a_model_in_a_copy_of_the_package_s_folder_is_read(tmp_path):
+    shutil.copy(models_dir() / "package.xml", tmp_path)
+    assert MakeRobotModel(LoadRobot(_own(tmp_path, {}))).plant.num_positions() == 6
+
+
 def test_an_own_model_with_a_fixed_gripper_and_without_its_meshes_is_an_arm(tmp_path):
     changes = {
         "</robot>": FINGER.format("fixed"),

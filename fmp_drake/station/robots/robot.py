@@ -260,7 +260,7 @@ def AddRobot(
     check_type(config, "config", RobotConfig, error=StationError)
     _CheckRobot(config)
     parser = Parser(plant)
-    parser.package_map().AddPackageXml(str(models_dir() / "package.xml"))
+    packages = parser.package_map()
     hint = (
         " Meshes are found relative to the model, or in its package, a folder with a "
         "package.xml around it; a model may have no <visual>."
@@ -272,8 +272,10 @@ def AddRobot(
         )
     with in_one_line(f"{Path(config.model).name} cannot be read", hint):
         for folder in Path(config.model).absolute().parents[:3]:
-            if (folder / "package.xml").is_file() and folder != models_dir():
-                parser.package_map().AddPackageXml(str(folder / "package.xml"))
+            if (folder / "package.xml").is_file():
+                packages.AddPackageXml(str(folder / "package.xml"))
+        if not packages.Contains("fmp_drake"):  # A copy of it may be around the model.
+            packages.AddPackageXml(str(models_dir() / "package.xml"))
         arm = _AddOneModel(parser, config.model)
     motors = _CheckModel(plant, arm, config)
     if config.reflected_inertia:
