@@ -198,7 +198,8 @@ def _free_scenario(skill: FourierMovementPrimitive, path: Path) -> str:
     lines = [
         (
             "to play it in free space, if its frame is that of the robot's base, write these "
-            "lines to free.yaml (for another frame, set board.translation and board.rpy):"
+            "lines to free.yaml (for another frame, or a robot with a base_pose, such as a "
+            "ur5e, set board.translation and board.rpy to its pose in the world):"
         ),
         "  board: {shape: none, translation: [0.0, 0.0, 0.0]}",
         f"  start: [{start}]",

@@ -184,8 +184,9 @@ def EraserPath(
     Returns
     -------
     Demonstration
-        x, y and z of the eraser's tip in the frame of the robot's base, m. If requested, its
-        orientation rx, ry and rz, rad, and recorded forces, unchanged.
+        x, y and z of the eraser's tip in the world, in which the robot's base is at its
+        `base_pose`, m. If requested, its orientation rx, ry and rz, rad, and recorded
+        forces, unchanged.
 
     Raises
     ------

@@ -149,15 +149,22 @@ def test_start_that_is_too_far_out_is_moved_and_not_the_board(bundled_skill):
     assert "What would help: start at 0 0 0.05." in found.verdict
 
 
-def test_a_motion_in_the_frame_of_the_robot_s_base_is_played_there():
+@pytest.mark.parametrize("base", [[0.0, 0.0, 0.0], [0.1, -0.2, 0.3]])
+def test_a_motion_in_the_frame_of_the_robot_s_base_is_played_there(tmp_path, base):
+    panda = LoadRobot("panda")
+    panda.base_pose.translation = base
+    (tmp_path / "moved.yaml").write_text(yaml_dump_typed(panda), encoding="utf-8")
     shown = demonstration(height=0.2, tilt=0.2)
     values = shown.values + np.array([0.5, 0.1, 0.0, 0.0, 0.0, 0.0])
     skill = FourierMovementPrimitive().fit(replace(shown, values=values))
-    scenario = Scenario()
+    scenario = Scenario(robot=str(tmp_path / "moved.yaml"))
     scenario.board.shape = "none"
+    scenario.board.translation = [0.55, 0.0, 0.5]
     verdict = CheckFeasibility(scenario, skill).verdict
-    assert "What would help: board.translation: [0, 0, 0], and start at 0." in verdict
-    scenario.board.translation = [0.0, 0.0, 0.0]
+    x, y, z = (f"{number:g}" for number in base)
+    words = f"What would help: board.translation: [{x}, {y}, {z}], and start at 0."
+    assert words in verdict
+    scenario.board.translation = base
     found = CheckFeasibility(scenario, skill)
     assert "What would help: start at 0." in found.verdict
     scenario.start = found.suggestion["start"]

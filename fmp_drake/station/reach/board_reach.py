@@ -184,6 +184,8 @@ class BoardReach:
         The arm's.
     damping : array, shape (n,)
         Viscous damping of the arm's joints in its model, Nm s/rad; 0 where it is slight.
+    p_WBase : array, shape (3,)
+        The robot's base in the world, m.
     rail : array, shape (3,)
         Vector from the middle of a moving board's rail to its end, in B, m.
     """
@@ -201,7 +203,7 @@ class BoardReach:
             model.plant, model.tip, scenario.impedance, self._contact
         )
         self._clearance = ArmClearance(config)
-        self._p_WBase = np.array(config.base_pose.translation)
+        self.p_WBase = np.array(config.base_pose.translation)
         self.limits = joint_limits(model.plant)
         damping = joint_damping(model.plant)
         self.damping = np.where(damping > _SLIGHT_DAMPING, damping, 0.0)
@@ -466,7 +468,7 @@ class BoardReach:
             Text, and displacement in W, m, the shortest one first.
         """
         assumed = self._scenario.board.assumed_pose()
-        away = (assumed.translation() - self._p_WBase) * np.array([1.0, 1.0, 0.0])
+        away = (assumed.translation() - self.p_WBase) * np.array([1.0, 1.0, 0.0])
         away, up = away / max(np.linalg.norm(away), 1e-9), np.array([0.0, 0.0, 1.0])
         left = np.cross(up, away)
         directions = {"towards the arm": -away, "away from the arm": away}

@@ -309,11 +309,12 @@ class _Check:
         words = "start at {:g} {:g} {:g}".format(*start)
         if start != scenario.start:
             yield words, {"start": start}
-        origin = np.array(scenario.board.translation)
-        if not scenario.has_board and np.any(origin):
-            # Where it was recorded, if in the frame of the robot's base.
-            words = f"board.translation: [0, 0, 0], and {words}"
-            yield words, {"start": start, "move_board": (0.0 - origin).tolist()}
+        base = self._reach.p_WBase
+        move = base - scenario.board.translation
+        if not scenario.has_board and np.any(move):
+            # Where it was recorded, if in axes of the world from the robot's base.
+            words = "board.translation: [{:g}, {:g}, {:g}], and ".format(*base) + words
+            yield words, {"start": start, "move_board": (move + 0.0).tolist()}
         moves = self._reach.moves_into_reach(
             self._paths, self._displacement, self._step, self._R_TE
         )
