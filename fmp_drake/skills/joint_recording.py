@@ -135,7 +135,9 @@ def FindRobotOfInverseRotation(demonstration: Demonstration) -> str:
     reference = demonstration.rotation_reference
     if reference is None:
         return ""
-    samples = np.linspace(0, len(demonstration.time) - 1, _SAMPLES).astype(int)
+    samples = np.unique(
+        np.linspace(0, len(demonstration.time) - 1, _SAMPLES).astype(int)
+    )
     part = demonstration.rows(samples)
     recorded = rotations_of(part.select(ROTATION_CHANNELS).values, reference)
     for robot in ListRobots():
