@@ -15,7 +15,8 @@ from fmp_drake.systems.surface_monitor import TOLERANCE
 # Largest error of the board's height, mm.
 _MAX_HEIGHT = 1000
 # After a lift, contact may be missing for the first time until the eraser lands. Contact that is
-# missing within the second time after a touch was lost, s.
+# missing within the second time after a touch was lost; within it after a landing, the
+# controller has not noticed the contact yet, s.
 _LANDING, _JUST = 1.0, 0.3
 # A magnitude above 0 that is rounded to 0 in texts.
 _TINY = 1e-9
@@ -164,6 +165,7 @@ class RunEvents:
         }
         self._cause = 0
         self._was_missing, self._missing_since, self._last_touch = False, -1.0, -np.inf
+        self._last_landing = -np.inf
         self._touch = self._contact = np.inf
         self._heights = np.zeros(2 * _MAX_HEIGHT + 1, dtype=np.int64)
 
@@ -237,10 +239,16 @@ class RunEvents:
         since = np.where(begins, times, -np.inf)
         since = np.maximum.accumulate(np.maximum(since, self._missing_since))
         touches = np.concatenate([[self._last_touch], touching])
-        last = touches[np.maximum(np.searchsorted(touches, since, "right") - 1, 0)]
+        landings = touching[np.diff(touches) > _JUST]
+        landings = np.concatenate([[self._last_landing], landings])
+        last, landed = (
+            events[np.maximum(np.searchsorted(events, since, "right") - 1, 0)]
+            for events in (touches, landings)
+        )
         self._was_missing, self._missing_since = bool(is_missing[-1]), float(since[-1])
-        self._last_touch = float(touches[-1])
-        return is_missing & ((since - last < _JUST) | (times - since > _LANDING))
+        self._last_touch, self._last_landing = float(touches[-1]), float(landings[-1])
+        is_lost = (since - last < _JUST) & (since - landed >= _JUST)
+        return is_missing & (is_lost | (times - since > _LANDING))
 
     def result(self) -> list[RunEvent]:
         """Return the events so far, in chronological order."""

@@ -71,6 +71,17 @@ def test_late_landing_after_a_lift_is_no_lost_contact(late, expected, until):
     assert found == [f"contact lost from {interval} s" for interval in expected]
 
 
+@pytest.mark.parametrize("until", [(), (1.03,)])
+@pytest.mark.parametrize(("late", "expected"), [(0.1, []), (1.4, ["2.0 to 2.4"])])
+def test_contact_that_is_noticed_a_little_late_is_not_lost(late, expected, until):
+    signals = recorded()
+    times, status = signals["status"]
+    status[times < 1.02, 0] = 0  # The eraser touches before the skill has come down.
+    mark(signals, 1.02, 1.02 + late, StatusFlag.CONTACT_LOST)
+    found = sentences(signals, until=until)
+    assert found == [f"contact lost from {interval} s" for interval in expected]
+
+
 def test_contact_at_the_start_is_not_lost_before_it_is_reported():
     signals = recorded(touch=-1.0)
     mark(signals, 0.001, 0.02, StatusFlag.CONTACT_LOST)
