@@ -376,9 +376,10 @@ def _advice_without_position(demonstration: Demonstration, robot: str) -> str:
     if len(axes) < 2:
         return f"{advice}Learn it as it is: learn --as-recorded"
     lengths = [n for n, unit in zip(names, units, strict=True) if unit == "m"]
+    others = [n for n, unit in zip(names, units, strict=True) if unit in ("m", "1")]
     are_lengths = len(lengths) >= len(axes)
     sources = lengths if are_lengths else ["COLUMN"] * len(axes)
-    candidates = lengths if are_lengths else names
+    candidates = lengths if are_lengths else others
     named = [
         name
         for axis in axes

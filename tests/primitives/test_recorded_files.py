@@ -569,6 +569,33 @@ def test_forces_of_a_universal_robot_are_read_beside_its_pose(tmp_path):
     assert units["actual_tcp_torque_z"] == "Nm"
 
 
+@pytest.mark.parametrize(
+    ("other", "is_force"),
+    [
+        *[(name, True) for name in ("O_F_ext", "F_ext_hat_K", "fext", "ft")],
+        *[(name, False) for name in ("O_T_ext", "tcp_speed", "pos_err", "stiffness")],
+    ],
+)
+def test_forces_speeds_and_errors_are_no_positions(other, is_force, tmp_path):
+    names = [f"{name}_{axis}" for name in (other, "tcp_pose") for axis in "xyz"]
+    text = files.lines(
+        files.TIME, *files.FORCE.T, *files.PATH.T, header=",".join(["t", *names])
+    )
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    forces = ["force_x", "force_y", "force_z"] if is_force else names[:3]
+    assert found.channels == (*forces, "x", "y", "z")
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH)
+
+
+def test_of_several_positions_that_of_the_tool_is_suggested(tmp_path):
+    names = [f"{name}_{axis}" for name in ("marker", "tool") for axis in "xyz"]
+    text = files.lines(
+        files.TIME, *files.PATH.T, *files.PATH.T, header=",".join(["t", *names])
+    )
+    _, (remark,) = read_demonstrations([files.write(tmp_path, text).path])
+    assert remark.endswith("choose with --columns x=tool_x,y=tool_y,z=tool_z")
+
+
 def test_a_marker_named_c_is_not_mistaken_for_a_command(tmp_path):
     names = [f"{marker}_{axis}" for marker in "bc" for axis in "xyz"]
     text = files.lines(

@@ -401,9 +401,10 @@ def test_names_of_velocities_and_angles_are_not_suggested_as_a_position():
         DemonstrationError, match=r"--columns x=tx_base,y=ty_base,z=tz_base$"
     ):
         place_on_board(recorded, scenario=Scenario())
-    velocities = recorded.select(names[:3])
-    with pytest.raises(DemonstrationError, match=r"x=COLUMN,y=COLUMN,z=COLUMN$"):
-        place_on_board(velocities, scenario=Scenario())
+    torques = replace(recorded.select(names[3:]), units=("Nm",) * 3)
+    for others in (recorded.select(names[:3]), torques):
+        with pytest.raises(DemonstrationError, match=r"x=COLUMN,y=COLUMN,z=COLUMN$"):
+            place_on_board(others, scenario=Scenario())
 
 
 def test_a_drawing_is_placed_on_the_board():

@@ -82,15 +82,20 @@ NO_MEASURED_ANGLES = re.compile(
 )
 """Words in the names of numbered joint values that are not measured angles."""
 _NORMAL_FORCE = re.compile(r"(.*_)?(normal_force|force_normal)")
-_FORCE = re.compile(r"(.*?)_?(?:(?<![a-z0-9])f|force)_?([xyz])")
+_FORCE = re.compile(
+    r"(.*?)_?(?:(?<![a-z0-9])(?:fts?|f(?:_?ext(?:_hat_k)?)?)|force)_?([xyz])"
+)
 _TORQUE = re.compile(r"(?<![a-z0-9])t(?=_?[xyz]$)")
 # What differs between the names of two arms' columns.
 _SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
 NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
-    r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau|ori)$|^(q|v|a|w|b)_"
+    r"|speed|jerk|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
+    r"|(^|_)(f|fts?|v|a|w|r|q|m|d|omega|tau|ori|err|error|imu|joy)$|^(q|v|a|w|b)_"
 )
 """Words in the names of axes that are not positions."""
+# Words in the names of a tool's position.
+_TOOL = re.compile(r"(^|_)(tcp|tool|ee|eef|end_?eff\w*|flange)(_|$)")
 _UNITS = (
     (
         re.compile(
@@ -372,8 +377,8 @@ def _channels(
     if is_force and FORCE_CHANNEL not in labels.values():
         labels[forces[0].number] = FORCE_CHANNEL
     if len(positions) > 1:
-        prefix, group = next(iter(positions.items()))
-        chosen = (*group, *orientations.get(prefix, ()))
+        prefix = max(positions, key=lambda p: bool(_TOOL.search(p)))
+        chosen = (*positions[prefix], *orientations.get(prefix, ()))
         pose = (*POSITION_CHANNELS, *QUATERNION_CHANNELS)
         remarks.append(_choice("positions", positions, pose, chosen))
     elif len(joints) > 1:
