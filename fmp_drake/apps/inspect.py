@@ -21,6 +21,8 @@ from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives import find_rhythm, read_demonstrations
 from fmp_drake.primitives.data.reading.parts import is_part
 from fmp_drake.skills.description import board_part, describe_recording
+from fmp_drake.skills.placement import common_placement
+from fmp_drake.station import Scenario
 
 # Options that a refusal names, with which the recording can be learned.
 _ADVICE = re.compile(r"--(?:robot|unit) \w+|--as-recorded")
@@ -62,10 +64,13 @@ def inspect(
         joined, _ = read_demonstrations(files, reading)
         if len(joined) == len(positions):  # Saved recordings are not added.
             loaded = list(zip(positions, joined, strict=True))
+    common = common_placement(
+        [d for _, d in loaded], scenario=Scenario(), **vars(rhythm)
+    )
     for file, demonstration in loaded:
         note = demonstration.note or "as it is"
         console.print(f"{file}: {note}", soft_wrap=True)
-        on_board = board_part(demonstration, **vars(rhythm))
+        on_board = board_part(demonstration, placement=common, **vars(rhythm))
         parts.append(on_board[0])
         lines = describe_recording(demonstration, on_board=on_board, **vars(rhythm))
         conclusions.append(lines[-1])

@@ -29,7 +29,7 @@ from fmp_drake.primitives.data.windows import (
 )
 from fmp_drake.primitives.model.phase.phase_model import PhaseModel
 from fmp_drake.primitives.model.phase.rhythm import cycle_count
-from fmp_drake.skills.placement import place_on_board
+from fmp_drake.skills.placement import Placement, place_on_board
 from fmp_drake.station import Scenario
 
 # With fewer cycles the phase model's assumptions outweigh the demonstrations.
@@ -301,16 +301,17 @@ def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> s
 
 
 def board_part(
-    demonstration: Demonstration, **rhythm: Any
+    demonstration: Demonstration, *, placement: Placement | None = None, **rhythm: Any
 ) -> tuple[Demonstration, str]:
-    """Return the channels of a recording that are learned for the board, and remarks.
+    """Return a recording as it is learned for the board, and remarks.
 
-    They are all channels where it does not fit the board, or is converted by kinematics.
+    It is the recording itself where that does not fit the board. The placement is that of
+    several recordings together.
     """
     try:
-        placed, remarks = place_on_board(demonstration, scenario=Scenario(), **rhythm)
+        placed, remarks = place_on_board(
+            demonstration, scenario=Scenario(), placement=placement, **rhythm
+        )
     except DemonstrationError as error:
         return demonstration, f"not for the board: {error}"
-    played = [n for n in demonstration.channels if n in placed.channels]
-    part = demonstration.select(played) if played else demonstration
-    return part, "; ".join(remarks or ["on the board"])
+    return placed, "; ".join(remarks or ["on the board"])

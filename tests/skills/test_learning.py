@@ -11,6 +11,7 @@ from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
     Player,
+    find_rhythm,
     modulate_skill,
     save_skill,
 )
@@ -269,6 +270,20 @@ def test_the_described_cycles_are_those_of_the_path_that_is_learned():
     )
     alone = describe_recording(recording.select(["x", "y", "z"]))
     assert describe_recording(recording)[2] == alone[2]
+
+
+def test_the_described_cycles_are_those_of_the_path_on_the_board():
+    time = np.arange(0, 6.8, 0.05)
+    phase = 2 * np.pi * time / 4
+    waves = 0.06 * np.cos(phase / 1.7) * np.sin(phase / 2)
+    path = np.column_stack([0.1 * np.cos(phase), 0.15 * np.sin(phase), waves])
+    recording = Demonstration(
+        time=time, values=path, channels=("x", "y", "z"), units=("m",) * 3
+    )
+    placed, _ = place_on_board(recording, scenario=Scenario())
+    learned = "; ".join(learn_skill([placed]).rhythm_.describe())
+    assert learned != "; ".join(find_rhythm(recording).describe())
+    assert describe_recording(recording)[2] == f"cycles: {learned}"
 
 
 def test_a_playback_outside_the_demonstrated_range_is_reported():
