@@ -59,8 +59,11 @@ _TILTED, _BORNE = 0.5, 0.7
 _BENT = 0.5
 # Tilt above which quaternions may have been read in the wrong order, degrees.
 _LARGE_TILT = 20.0
-# Single component of a force that may be the normal force.
+# Single component of a force that may be the normal force, and names of measured forces.
 _FORCE_Z = re.compile(r"(.*[_.])?f(orce)?[_.]?z")
+_MEASURED = re.compile(
+    r"(?!.*(des|target|cmd|command|ref|goal))(.*[_.])?(force|f[_.]?n)(?![_.]?[xyz]).*"
+)
 # Median deviation from its average of a force that vibrates, relative to its mean.
 _VIBRATING = 0.05
 ROTATIONAL_STIFFNESS = 60.0
@@ -504,7 +507,12 @@ def _normal_force(
     them.
     """
     if contact.force is None:
-        names = [n for n in demonstration.channels if _FORCE_Z.fullmatch(n.lower())]
+        names = [
+            name
+            for form in (_FORCE_Z, _MEASURED)
+            for name in demonstration.channels
+            if form.fullmatch(name.lower())
+        ]
         raise DemonstrationError(
             f"the channels are {listed(demonstration.channels)}; a force needs force, the "
             "normal force, or force_x, force_y and force_z: "

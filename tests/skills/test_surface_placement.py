@@ -520,9 +520,16 @@ def test_missing_channels_and_forces_are_refused():
     flat = replace(position.select(["x", "y"]), channels=("x", "fz"))
     with pytest.raises(DemonstrationError, match="x, fz; a surface needs x, y and z: "):
         place_on_fitted_surface([flat], scenario=Scenario())
-    along = replace(recording.select([*"xyz", "force_z"]), channels=(*"xyz", "Fz"))
-    with pytest.raises(DemonstrationError, match=r"--columns force=Fz$"):
-        place_on_fitted_surface([along], scenario=Scenario(), extra=["force"])
+    along = recording.select([*"xyz", "force_y", "force_z"])
+    for names, suggested in (
+        (("target_force", "Fz"), "Fz"),
+        (("target_force", "force_n"), "force_n"),
+        (("target_force", "contact_force"), "contact_force"),
+        (("force_x", "force_y"), "NAME"),
+    ):
+        named = replace(along, channels=(*"xyz", *names))
+        with pytest.raises(DemonstrationError, match=rf"--columns force={suggested}$"):
+            place_on_fitted_surface([named], scenario=Scenario(), extra=["force"])
     weak = Demonstration(
         time=recording.time,
         values=np.column_stack([position.values, np.full(len(recording.time), 0.1)]),

@@ -141,7 +141,7 @@ def channel_roles(
             raise SkillError(
                 f"channel {channel} has no role; a robot plays "
                 f"{', '.join(f'{name} ({unit})' for name, unit in expected.items())}. "
-                "Learn it without this channel (--columns chooses)."
+                "Learn it without this channel (--columns or Demonstration.select chooses)."
             )
         if unit != expected[channel]:
             raise SkillError(
