@@ -43,7 +43,7 @@ _PUSHED_BLEND_TIME = 0.15
 # A measured value is plausible up to this distance from the middle of the demonstrated
 # values, in widths of the widest channel of its unit; at least up to the distance below.
 _PLAUSIBLE_WIDTHS = 10.0
-_PLAUSIBLE = {"m": 2.0, "rad": 4 * math.pi}
+_PLAUSIBLE = {"m": 2.0, "rad": 4 * math.pi, "N": 200.0}
 # Difference of equal times, relative to them and to 1 s: Drake adds up periods.
 _SAME = 1e-12
 # Time for which the last plausible measurement is used instead of a missing one, s.

@@ -14,7 +14,12 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.primitives import FourierMovementPrimitive, LqrTracker, Player
+from fmp_drake.primitives import (
+    Demonstration,
+    FourierMovementPrimitive,
+    LqrTracker,
+    Player,
+)
 from fmp_drake.systems.fourier_primitive_system import FourierPrimitiveSystem
 
 OUTPUTS = {
@@ -473,6 +478,21 @@ def test_start_that_is_not_finite_is_refused(system):
 def test_start_far_from_the_demonstrations_is_refused(system, start, far):
     with pytest.raises(SystemsError, match="near the demonstrations"):
         simulator_at(system, [start[0], far])
+
+
+def test_a_tool_in_the_air_is_near_a_movement_with_an_almost_constant_force():
+    time = np.arange(0, 12, 0.05)
+    waves = 0.1 * np.cos(3 * time), 0.1 * np.sin(3 * time), 0 * time
+    recording = Demonstration(
+        time=time,
+        values=np.column_stack([*waves, 9 + 0.1 * np.sin(6 * time)]),
+        channels=("x", "y", "z", "force"),
+        units=("m", "m", "m", "N"),
+    )
+    system = FourierPrimitiveSystem(FourierMovementPrimitive().fit(recording))
+    simulator_at(system, [0.1, 0.0, 0.05, 0.0])
+    with pytest.raises(SystemsError, match="near the demonstrations"):
+        simulator_at(system, [0.1, 0.0, 0.05, 1e4])
 
 
 def test_forgotten_input_is_an_error_that_names_port_and_system(system):
