@@ -168,7 +168,8 @@ def parabola_top(values: Array, top: int) -> float:
 
 def window_sums(values: Array, size: int) -> Array:
     """Return the sums of values (n, ...) in windows, shape (n - size + 1, ...)."""
-    sums = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
+    sums = np.zeros((len(values) + 1, *values.shape[1:]))
+    np.cumsum(values, axis=0, out=sums[1:])
     return sums[size:] - sums[:-size]
 
 
@@ -195,8 +196,9 @@ def similarity(values: Array, lag: int, width: int) -> Array:
     change = values[lag:] - values[:-lag]
     distance = window_sums(np.vecdot(change, change), width)
     mean = window_sums(values, span) / span
-    totals = window_sums(values, width)
-    squares = window_sums(np.vecdot(values, values), width)
+    numbers = np.column_stack([values, np.vecdot(values, values)])
+    sums = window_sums(numbers, width)
+    totals, squares = sums[:, :-1], sums[:, -1]
     energy = np.zeros(count)
     for start in (0, lag):
         total = totals[start:][:count]

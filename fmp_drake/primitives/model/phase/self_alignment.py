@@ -135,22 +135,23 @@ def _gains(values: Array, lags: Indices) -> Array:
 
     It is 1 for equal states at the mean speed, 0 at rest, and negative for different states.
     """
-    n = len(values)
+    n, step = len(values), 0
     values = values - values.mean(axis=0)
     gains = np.full((n, len(lags)), _LEAST_GAIN)
     for column, lag in enumerate(lags.tolist()):
-        step = max(1, lag // _LAGS_PER_STEP)
-        before = np.maximum(np.arange(n) - step, 0)
-        after = np.minimum(np.arange(n) + step, n - 1)
-        velocities = (values[after] - values[before]) / (after - before)[:, None]
+        if step != max(1, lag // _LAGS_PER_STEP):
+            step = max(1, lag // _LAGS_PER_STEP)
+            before = np.maximum(np.arange(n) - step, 0)
+            after = np.minimum(np.arange(n) + step, n - 1)
+            velocities = (values[after] - values[before]) / (after - before)[:, None]
+            squares = np.vecdot(velocities, velocities)
         states = np.hstack([values, lag / (2 * np.pi) * velocities])
-        size = lag + 1
-        variance = window_sums(np.vecdot(states, states), size) / size
-        variance -= np.sum((window_sums(states, size) / size) ** 2, axis=1)
+        numbers = np.column_stack([states, np.vecdot(states, states), squares])
+        means = window_sums(numbers, lag + 1) / (lag + 1)
+        variance = means[:, -2] - np.sum(means[:, :-2] ** 2, axis=1)
         distance = np.sum((states[lag:] - states[:-lag]) ** 2, axis=1)
-        square = np.vecdot(velocities, velocities)
-        mean_square = np.maximum(window_sums(square, size) / size, 1e-300)
-        speed = np.sqrt(np.maximum(square[lag:], square[:-lag]) / mean_square)
+        mean_square = np.maximum(means[:, -1], 1e-300)
+        speed = np.sqrt(np.maximum(squares[lag:], squares[:-lag]) / mean_square)
         gain = 1 - distance / (_SIMILAR * np.maximum(variance, 1e-300))
         gain *= np.minimum(speed, _MOST_SPEED)
         gains[: n - lag, column] = np.maximum(gain, _LEAST_GAIN)
