@@ -236,6 +236,10 @@ def _complete_rows(
             for (name, column), is_known in zip(channels.items(), best, strict=True)
             if is_known
         }
+        if not choice and is_axis.any() and not np.any(best & is_axis):
+            choice = (
+                f"a position is needed at least every {LONGEST_GAP} s, most of the time"
+            )
         choice = choice or f"leave them out: {columns_option(others)}"
         raise DemonstrationError(
             f"{count} of {len(values)} samples have no value of {', '.join(incomplete)}; "
