@@ -733,6 +733,8 @@ def test_other_harmonics_of_a_window_are_those_of_the_cycle(small):
         for s in (skill, louder)
     )
     assert louder_reach[1] / reach[1] == pytest.approx(1.45, abs=0.1)
+    twice = modulate_skill(skill, harmonics=range(31), gain=2.0).phase_model_.cycle
+    np.testing.assert_allclose(twice.values(phase), 2 * before)
     shifted = modulate_skill(skill, harmonics=range(1, 30), phase=np.pi)
     np.testing.assert_allclose(
         shifted.phase_model_.cycle.values(phase) - middle,

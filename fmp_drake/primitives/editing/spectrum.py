@@ -354,10 +354,9 @@ def modulate_skill(
         components.append(_with_factor(shifted_component, basis))
     model = skill.phase_model_
     if model is not None:
-        numbers = sorted({int(k) for k in harmonics})
         factors = np.ones((model.cycle.harmonics + 1, skill.n_channels_), complex)
-        parts = _parts_of_harmonics(model, numbers, skill.n_steps)
-        factors[:, index] += parts[:, None] * (gain * np.exp(1j * phase) - 1)
+        factor = gain * np.exp(1j * phase)
+        factors[:, index] = _cycle_factors(model, harmonics, factor, skill.n_steps)
         model = replace(model, cycle=model.cycle.modulated(factors))
     out = copy_skill(
         skill,
@@ -373,17 +372,22 @@ def modulate_skill(
     return copy_skill(out, extent_=extent)
 
 
-def _parts_of_harmonics(
-    model: PhaseModel, harmonics: Sequence[int], n_steps: int
+def _cycle_factors(
+    model: PhaseModel, harmonics: Iterable[int], factor: complex, n_steps: int
 ) -> Array:
-    """Return how much of each harmonic of a cycle is in some harmonics of a window.
+    """Return the factors (h + 1, 1) of a cycle's mean and harmonics, complex.
 
-    Fractions of the energy, from the mean of the cycle on.
+    Each one is a sum of all harmonics of a window, of which some have the given factor; it
+    is the average of their factors, weighted by their energies.
     """
+    numbers = np.array([int(k) for k in harmonics])
     order = np.arange(model.cycle.harmonics + 1)
     phases = model.velocity.mean * np.arange(n_steps)
     energy = np.abs(np.fft.fft(np.exp(1j * order[:, None] * phases), axis=1)) ** 2
-    return energy[:, list(harmonics)].sum(axis=1) / energy.sum(axis=1)
+    factors = np.ones((n_steps, 1), complex)
+    factors[-numbers] = np.conj(factor)  # Of negative frequencies.
+    factors[numbers] = factor
+    return energy @ factors / energy.sum(axis=1, keepdims=True)
 
 
 def _with_factor(component: LowRankGaussian, factor: Array) -> LowRankGaussian:
