@@ -16,8 +16,8 @@ from fmp_drake.systems.surface_monitor import TOLERANCE
 _MAX_HEIGHT = 1000
 # After a lift, contact may be missing for the first time until the eraser lands. Contact that is
 # missing within the second time after a touch was lost; within it after a landing, the
-# controller has not noticed the contact yet, s.
-_LANDING, _JUST = 1.0, 0.3
+# controller has not noticed the contact yet if the last touch is not older than the third, s.
+_LANDING, _JUST, _TOUCHING = 1.0, 0.3, 0.05
 # A magnitude above 0 that is rounded to 0 in texts.
 _TINY = 1e-9
 _FORCE = "a normal force far too large"
@@ -241,13 +241,18 @@ class RunEvents:
         touches = np.concatenate([[self._last_touch], touching])
         landings = touching[np.diff(touches) > _JUST]
         landings = np.concatenate([[self._last_landing], landings])
-        last, landed = (
-            events[np.maximum(np.searchsorted(events, since, "right") - 1, 0)]
-            for events in (touches, landings)
+        last, landed, latest = (
+            events[np.maximum(np.searchsorted(events, moments, "right") - 1, 0)]
+            for events, moments in (
+                (touches, since),
+                (landings, since),
+                (touches, times),
+            )
         )
         self._was_missing, self._missing_since = bool(is_missing[-1]), float(since[-1])
         self._last_touch, self._last_landing = float(touches[-1]), float(landings[-1])
-        is_lost = (since - last < _JUST) & (since - landed >= _JUST)
+        is_noticed_late = (since - landed < _JUST) & (times - latest < _TOUCHING)
+        is_lost = (since - last < _JUST) & ~is_noticed_late
         return is_missing & (is_lost | (times - since > _LANDING))
 
     def result(self) -> list[RunEvent]:

@@ -82,6 +82,17 @@ def test_contact_that_is_noticed_a_little_late_is_not_lost(late, expected, until
     assert found == [f"contact lost from {interval} s" for interval in expected]
 
 
+@pytest.mark.parametrize("until", [(), (3.12, 3.4)])
+def test_contact_that_is_lost_just_after_a_landing_is_reported(until):
+    signals = recorded()
+    times, force = signals["normal_force"]
+    force[(times >= 2.0) & (times < 3.0)] = 0.0
+    force[(times >= 3.1) & (times < 3.8)] = 0.0
+    mark(signals, 3.16, 3.84, StatusFlag.CONTACT_LOST)
+    found = sentences(signals, until=until)
+    assert found == ["contact lost from 3.2 to 3.8 s"]
+
+
 def test_contact_at_the_start_is_not_lost_before_it_is_reported():
     signals = recorded(touch=-1.0)
     mark(signals, 0.001, 0.02, StatusFlag.CONTACT_LOST)
