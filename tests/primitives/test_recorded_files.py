@@ -483,7 +483,7 @@ def test_topics_in_rows_of_their_own_are_interpolated_at_the_times_of_the_positi
     assert_allclose(found.select(joints).values, np.transpose(known), atol=1e-9)
 
 
-@pytest.mark.parametrize("every", [5, 40])
+@pytest.mark.parametrize("every", [2, 5, 40])
 def test_a_slower_position_is_read_with_the_mean_of_the_force(every, tmp_path):
     force = np.where(np.arange(400) % 2, 9.0, 11.0)
     placed = np.where(np.arange(400)[:, None] % every, np.nan, files.PATH)
@@ -494,8 +494,11 @@ def test_a_slower_position_is_read_with_the_mean_of_the_force(every, tmp_path):
             read_demonstrations([file.path])
         return
     (found,), remarks = read_demonstrations([file.path])
-    assert "320 samples without a position left out, of faster sensors" in remarks[0]
-    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH[::5], atol=1e-12)
+    count = 400 - 400 // every
+    remark = f"{count} samples without a position left out, of faster sensors"
+    assert remark in remarks[0]
+    path = files.PATH[::every]
+    assert_allclose(found.select(["x", "y", "z"]).values, path, atol=1e-12)
     assert_allclose(found.select(["force"]).values, 10.0, atol=0.5)
 
 
@@ -588,10 +591,9 @@ def test_forces_speeds_and_errors_are_no_positions(other, is_force, tmp_path):
 
 
 def test_of_several_positions_that_of_the_tool_is_suggested(tmp_path):
-    names = [f"{name}_{axis}" for name in ("marker", "tool") for axis in "xyz"]
-    text = files.lines(
-        files.TIME, *files.PATH.T, *files.PATH.T, header=",".join(["t", *names])
-    )
+    groups = ("tool_target", "marker", "tool")
+    names = [f"{name}_{axis}" for name in groups for axis in "xyz"]
+    text = files.lines(files.TIME, *[*files.PATH.T] * 3, header=",".join(["t", *names]))
     _, (remark,) = read_demonstrations([files.write(tmp_path, text).path])
     assert remark.endswith("choose with --columns x=tool_x,y=tool_y,z=tool_z")
 

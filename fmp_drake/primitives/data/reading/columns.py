@@ -381,7 +381,8 @@ def _channels(
     if is_force and FORCE_CHANNEL not in labels.values():
         labels[forces[0].number] = FORCE_CHANNEL
     if len(positions) > 1:
-        prefix = max(positions, key=lambda p: bool(_TOOL.search(p)))
+        measured = [p for p in positions if not _COMMANDED.fullmatch(p)] or positions
+        prefix = max(measured, key=lambda p: bool(_TOOL.search(p)))
         chosen = (*positions[prefix], *orientations.get(prefix, ()))
         pose = (*POSITION_CHANNELS, *QUATERNION_CHANNELS)
         remarks.append(_choice("positions", positions, pose, chosen))

@@ -37,7 +37,7 @@ def interpolated(
     is_placed = np.all(known[:, axes], axis=1)
     others = np.flatnonzero(~np.all(known[is_placed], axis=0))
     is_sparse = np.count_nonzero(known[:, others], axis=0) < 2
-    are_most = np.mean(np.all(known, axis=1)) >= LEAST_COMPLETE
+    are_most = np.mean(np.all(known, axis=1)) > LEAST_COMPLETE
     order = list(channels)
     forces = np.isin(order, (FORCE_CHANNEL, *FORCE_COMPONENTS))
     is_usual = are_most or not axes.any() or bool(np.any(is_sparse))
