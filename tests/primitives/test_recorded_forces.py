@@ -150,16 +150,25 @@ def test_the_force_of_a_franka_arm_is_read_unless_another_is_named(
     assert np.max(rotation_errors(found, files.TURNS)) < 1e-6
 
 
-def test_of_two_wrenches_of_a_franka_arm_that_in_its_base_is_the_force(tmp_path):
+@pytest.mark.parametrize("form", ["{}_F_ext_hat_K[{}]", "{}_F_ext_{}"])
+@pytest.mark.parametrize("has_sensor", [False, True])
+def test_of_two_wrenches_of_a_franka_arm_that_in_its_base_is_the_force(
+    form, has_sensor, tmp_path
+):
     names = ["time", *"xyz"]
-    wrenches = np.hstack([files.FORCE, 0 * files.FORCE])
+    axes = range(6) if "[" in form else "xyz"
+    wrenches = np.hstack([files.FORCE, 0 * files.FORCE])[:, : len(axes)]
     columns = [files.TIME, *files.PATH.T]
     for frame, sign in (("K", 3), ("O", 1)):
-        names += [f"{frame}_F_ext_hat_K[{i}]" for i in range(6)]
+        names += [form.format(frame, axis) for axis in axes]
         columns += [*(sign * wrenches.T)]
+    if has_sensor:
+        names += [f"wrench_{axis}" for axis in range(6)]
+        columns += [*(10 * files.FORCE.T), *(0 * files.FORCE.T)]
     text = files.lines(*columns, header=",".join(names))
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
-    assert_allclose(forces(found), files.FORCE, atol=1e-12)
+    factor = 10 if has_sensor else 1
+    assert_allclose(forces(found), factor * files.FORCE, atol=1e-12)
 
 
 def force_file(folder, time, name="force.csv", force=files.FORCE):

@@ -360,12 +360,19 @@ def _channels(
         )
     )
     kuka = {p: group for p, group in kuka.items() if _may_be_degrees(group)}
+    measured_forces = _groups(columns, _FORCE, "xyz")
+    # Of a Franka arm's forces, that in the frame of its base (o) goes with its pose.
+    measured_forces = {
+        p: group
+        for p, group in measured_forces.items()
+        if p[-1:] != "k" or f"{p[:-1]}o" not in measured_forces
+    }
     roles = (
         (positions, POSITION_CHANNELS),
         (orientations, QUATERNION_CHANNELS),
         (rotations, ROTATION_CHANNELS),
         (angles or kuka, EULER_CHANNELS),
-        (_groups(columns, _FORCE, "xyz"), FORCE_COMPONENTS),
+        (measured_forces, FORCE_COMPONENTS),
     )
     for groups, axes in roles:
         if len(groups) == 1:

@@ -184,9 +184,7 @@ def _recognise(
     if count == 4 and _QUATERNIONS.fullmatch(prefix) and _is_unit(values, error):
         return [f"{stem}{q}" for q in _POSE[3:]], [""] * 4, values[:, order], not stated
     if count == 6 and (match := _WRENCH.fullmatch(prefix)):
-        # Of a Franka arm's two wrenches, that in the frame of its base goes with its pose.
-        is_in_base = match[2] == "f_ext_hat_k" and re.search(r"(^|_)o$", match[1])
-        stem = f"{match[1]}_" if match[1] and not is_in_base else ""
+        stem = f"{match[1]}_" if match[1] else ""
         names = [f"{stem}{k}_{a}" for k in ("force", "torque") for a in "xyz"]
         return names, ["N"] * 3 + ["Nm"] * 3, values, False
     is_tcp = count == 6 and _TCP_POSE.fullmatch(prefix)
