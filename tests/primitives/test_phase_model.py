@@ -742,6 +742,11 @@ def test_other_harmonics_of_a_window_are_those_of_the_cycle(small):
         rtol=0.02,
         atol=0.02,
     )
+    earlier = modulate_skill(skill, harmonics=range(1, 30), phase=0.7)
+    own, of_earlier = (
+        np.mean(s.score_samples(s.sample(20, seed=1))) for s in (skill, earlier)
+    )
+    assert of_earlier == pytest.approx(own, rel=0.1)
 
 
 # Recordings as people make them ---------------------------------------------

@@ -19,6 +19,7 @@ from scipy.stats import circmean, circstd
 from fmp_drake.errors import SkillError
 from fmp_drake.numeric import (
     Array,
+    Indices,
     as_floats,
     check_number,
     check_type,
@@ -276,26 +277,34 @@ def modulate_windows(
     y = as_floats(windows, "the windows", ("...", "T", "D"))
     n = y.shape[-2]
     index = channel_indices(channels, [f"c{i}" for i in range(y.shape[-1])])
+    numbers = _checked_harmonics(harmonics, gain, phase, n)
+    spectrum = np.fft.rfft(y, axis=-2)
+    spectrum[..., numbers[:, None], index] *= gain * np.exp(1j * phase)
+    return np.fft.irfft(spectrum, n=n, axis=-2)
+
+
+def _checked_harmonics(
+    harmonics: Iterable[int], gain: float, phase: float, n_steps: int
+) -> Indices:
+    """Return increasing harmonics of a window; see `modulate_windows`."""
     check_type(harmonics, "harmonics", Iterable, error=SkillError)
     harmonics = list(harmonics)
     for k in harmonics:
         check_number(k, "a harmonic", whole=True)
     numbers = sorted({int(k) for k in harmonics})
-    if not numbers or numbers[0] < 0 or numbers[-1] > n // 2:
+    if not numbers or numbers[0] < 0 or numbers[-1] > n_steps // 2:
         raise SkillError(
-            f"the harmonics are {harmonics}; give some from 0 to {n // 2}."
+            f"the harmonics are {harmonics}; give some from 0 to {n_steps // 2}."
         )
     check_number(gain, "gain", least=0.0)
     check_number(phase, "phase", unit="rad")
-    real = [k for k in numbers if k == 0 or 2 * k == n]
+    real = [k for k in numbers if k == 0 or 2 * k == n_steps]
     if real and phase != 0:
         raise SkillError(
-            f"harmonic {real[0]} is the mean or the Nyquist harmonic of windows of {n} "
+            f"harmonic {real[0]} is the mean or the Nyquist harmonic of windows of {n_steps} "
             "samples and has no phase to shift."
         )
-    spectrum = np.fft.rfft(y, axis=-2)
-    spectrum[..., np.array(numbers)[:, None], index] *= gain * np.exp(1j * phase)
-    return np.fft.irfft(spectrum, n=n, axis=-2)
+    return np.array(numbers)
 
 
 def modulate_skill(
@@ -308,7 +317,7 @@ def modulate_skill(
 ) -> FourierMovementPrimitive:
     """Return a copy of a skill with other magnitudes or phases of some harmonics.
 
-    Means and low-rank factors are mapped exactly, as `modulate_windows` maps
+    Means and low-rank factors of a mixture are mapped exactly, as `modulate_windows` maps
     trajectories, so `sample(with_noise=False)` has exactly the mapped distribution. A
     phase shift is orthogonal and maps the isotropic noise, eps I, exactly as well. A
     gain would make it anisotropic, so the noise is not mapped: the covariance differs from
@@ -317,7 +326,7 @@ def modulate_skill(
 
     With a phase model, the harmonics of the cycle are changed instead: each one by the
     part of it that a window has in the named harmonics. Mapped windows would not repeat
-    where these are not those of a cycle. Its residual does not change.
+    where these are not those of a cycle. Its residual and the covariances do not change.
 
     Parameters
     ----------
@@ -336,28 +345,37 @@ def modulate_skill(
     """
     check_skill(skill, "modulate_skill(skill)")
     index = channel_indices(channels, skill.channels_)
+    numbers = _checked_harmonics(harmonics, gain, phase, skill.n_steps)
 
     def mapped(weights: Array) -> Array:
         windows = modulate_windows(
             skill.basis.synthesize(weights),
-            harmonics=harmonics,
+            harmonics=numbers.tolist(),
             gain=gain,
             phase=phase,
             channels=index,
         )
         return skill.basis.analyze(windows)
 
-    components = []
-    for component in skill.components_:
-        shifted_component = replace(component, mean=mapped(component.mean))
-        basis = mapped(component.basis.T).T
-        components.append(_with_factor(shifted_component, basis))
     model = skill.phase_model_
-    if model is not None:
+    if model is None:
+        components = [
+            _with_factor(replace(c, mean=mapped(c.mean)), mapped(c.basis.T).T)
+            for c in skill.components_
+        ]
+    else:
         factors = np.ones((model.cycle.harmonics + 1, skill.n_channels_), complex)
         factor = gain * np.exp(1j * phase)
-        factors[:, index] = _cycle_factors(model, harmonics, factor, skill.n_steps)
-        model = replace(model, cycle=model.cycle.modulated(factors))
+        factors[:, index] = _cycle_factors(model, numbers, factor, skill.n_steps)
+        cycle = model.cycle.modulated(factors)
+        steps = np.arange(skill.n_steps) - model.reference_step
+        paths = model.grid.phases[:, None] + model.velocity.mean * steps
+        changes = skill.basis.analyze(cycle.values(paths) - model.cycle.values(paths))
+        components = [
+            replace(c, mean=c.mean + change)
+            for c, change in zip(skill.components_, changes, strict=True)
+        ]
+        model = replace(model, cycle=cycle)
     out = copy_skill(
         skill,
         components_=tuple(components),
@@ -373,20 +391,19 @@ def modulate_skill(
 
 
 def _cycle_factors(
-    model: PhaseModel, harmonics: Iterable[int], factor: complex, n_steps: int
+    model: PhaseModel, harmonics: Indices, factor: complex, n_steps: int
 ) -> Array:
     """Return the factors (h + 1, 1) of a cycle's mean and harmonics, complex.
 
     Each one is a sum of all harmonics of a window, of which some have the given factor; it
     is the average of their factors, weighted by their energies.
     """
-    numbers = np.array([int(k) for k in harmonics])
     order = np.arange(model.cycle.harmonics + 1)
     phases = model.velocity.mean * np.arange(n_steps)
     energy = np.abs(np.fft.fft(np.exp(1j * order[:, None] * phases), axis=1)) ** 2
     factors = np.ones((n_steps, 1), complex)
-    factors[-numbers] = np.conj(factor)  # Of negative frequencies.
-    factors[numbers] = factor
+    factors[-harmonics] = np.conj(factor)  # Of negative frequencies.
+    factors[harmonics] = factor
     return energy @ factors / energy.sum(axis=1, keepdims=True)
 
 
