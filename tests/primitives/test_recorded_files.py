@@ -576,7 +576,9 @@ def test_forces_of_a_universal_robot_are_read_beside_its_pose(tmp_path):
     ("other", "is_force"),
     [
         *[(name, True) for name in ("O_F_ext", "F_ext_hat_K", "fext", "ft")],
+        *[(name, True) for name in ("ft_sensor", "ft300")],
         *[(name, False) for name in ("O_T_ext", "tcp_speed", "pos_err", "stiffness")],
+        *[(name, False) for name in ("imu_link", "joystick")],
     ],
 )
 def test_forces_speeds_and_errors_are_no_positions(other, is_force, tmp_path):

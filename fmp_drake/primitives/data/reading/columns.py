@@ -83,7 +83,7 @@ NO_MEASURED_ANGLES = re.compile(
 """Words in the names of numbered joint values that are not measured angles."""
 _NORMAL_FORCE = re.compile(r"(.*_)?(normal_force|force_normal)")
 _FORCE = re.compile(
-    r"(.*?)_?(?:(?<![a-z0-9])(?:fts?|f(?:_?ext(?:_hat_k)?)?)|force)_?([xyz])"
+    r"(.*?)_?(?:(?<![a-z0-9])(?:fts?\d*(?:_raw|_sensor)?|f(?:_?ext(?:_hat_k)?)?)|force)_?([xyz])"
 )
 _TORQUE = re.compile(r"(?<![a-z0-9])t(?=_?[xyz]$)")
 # What differs between the names of two arms' columns.
@@ -91,7 +91,8 @@ _SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
 NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
     r"|speed|jerk|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
-    r"|(^|_)(f|fts?|v|a|w|r|q|m|d|omega|tau|ori|err|error|imu|joy)$|^(q|v|a|w|b)_"
+    r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau|ori|err|error)$|^(q|v|a|w|b)_"
+    r"|(^|_)((net)?fts?\d*|imu|joy(stick)?)(_|$)"
 )
 """Words in the names of axes that are not positions."""
 # Words in the names of a tool's position.
