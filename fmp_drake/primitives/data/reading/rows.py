@@ -63,9 +63,9 @@ def interpolated(
 
 
 def _is_slower(time: Array, known: Mask) -> bool:
-    """Return whether some samples (n,) have all values (n, C), the others none, without gaps.
+    """Return whether samples (n, C) have all values or none, as those of a slower sensor.
 
-    Gaps may take a part of the time.
+    Gaps between those with values may take half of the time.
     """
     is_known = np.any(known, axis=1)
     if not np.array_equal(is_known, np.all(known, axis=1)):
