@@ -265,7 +265,10 @@ def test_unusable_training_data_are_refused(x, message):
 @pytest.mark.parametrize("x", [np.zeros((90, 2)), [np.zeros(90)]])
 def test_array_without_a_stated_rate_is_refused(x):
     for skill in (tiny(), clone(tiny())):
-        with pytest.raises(DemonstrationError, match=r"no times.*\(rate=50\), or its"):
+        with pytest.raises(
+            DemonstrationError,
+            match=r"no times.*time=time.* its sample rate.*\(rate=50\)",
+        ):
             skill.fit(x)
 
 
