@@ -278,9 +278,15 @@ def modulate_windows(
     n = y.shape[-2]
     index = channel_indices(channels, [f"c{i}" for i in range(y.shape[-1])])
     numbers = _checked_harmonics(harmonics, gain, phase, n)
-    spectrum = np.fft.rfft(y, axis=-2)
-    spectrum[..., numbers[:, None], index] *= gain * np.exp(1j * phase)
-    return np.fft.irfft(spectrum, n=n, axis=-2)
+    return _modulated(y, numbers, gain * np.exp(1j * phase), index)
+
+
+def _modulated(
+    windows: Array, harmonics: Indices, factor: complex, channels: list[int]
+) -> Array:
+    spectrum = np.fft.rfft(windows, axis=-2)
+    spectrum[..., harmonics[:, None], channels] *= factor
+    return np.fft.irfft(spectrum, n=windows.shape[-2], axis=-2)
 
 
 def _checked_harmonics(
@@ -346,16 +352,11 @@ def modulate_skill(
     check_skill(skill, "modulate_skill(skill)")
     index = channel_indices(channels, skill.channels_)
     numbers = _checked_harmonics(harmonics, gain, phase, skill.n_steps)
+    factor = gain * np.exp(1j * phase)
 
     def mapped(weights: Array) -> Array:
-        windows = modulate_windows(
-            skill.basis.synthesize(weights),
-            harmonics=numbers.tolist(),
-            gain=gain,
-            phase=phase,
-            channels=index,
-        )
-        return skill.basis.analyze(windows)
+        windows = skill.basis.synthesize(weights)
+        return skill.basis.analyze(_modulated(windows, numbers, factor, index))
 
     model = skill.phase_model_
     if model is None:
@@ -365,7 +366,6 @@ def modulate_skill(
         ]
     else:
         factors = np.ones((model.cycle.harmonics + 1, skill.n_channels_), complex)
-        factor = gain * np.exp(1j * phase)
         factors[:, index] = _cycle_factors(model, numbers, factor, skill.n_steps)
         cycle = model.cycle.modulated(factors)
         steps = np.arange(skill.n_steps) - model.reference_step

@@ -253,23 +253,23 @@ class BoardReach:
         is_low = paths[..., 2] < self._scenario.press.engage_height
         return np.tile(is_low, (boards, 1))
 
-    def friction_lag(self, paths: Array, force: Array | float) -> Array:
-        """Return how far friction holds the eraser back, m, shape of the force or (B, T).
+    def friction_lag(self, paths: Array, boards: int, force: Array | float) -> Array:
+        """Return how far friction holds the eraser back, m, shape (boards * B, T).
 
         Parameters
         ----------
         paths : array, shape (B, T, 3)
+        boards : int
         force : array, shape (boards * B, T), or float
             Normal force where the eraser presses, N.
         """
-        config, boards = self._scenario.impedance, np.size(force) // paths[..., 0].size
+        config = self._scenario.impedance
         stiffness = min(config.translational_stiffness[:2])
         soft = config.covariance_stiffness
         if soft.enabled:  # The geometric mean of the range.
             stiffness = float(np.sqrt(soft.min_stiffness * soft.max_stiffness))
-        pressed = self.pressed(paths, max(boards, 1))
         friction = self._scenario.contact_friction() / stiffness
-        return friction * np.where(pressed, force, 0.0)
+        return friction * np.where(self.pressed(paths, boards), force, 0.0)
 
     def off_path(self, deviation: float, friction_lag: float) -> float:
         """Return the distance from the path of a deviation with the friction lag, rms, m.

@@ -203,7 +203,8 @@ class _Check:
             largest_force = max(skill.extent_[1, roles.force], 0.0)
             force = np.clip(values[..., roles.force], 0.0, largest_force)
             self._force = np.tile(force, (boards, 1))
-        self._friction_lag = _rms(self._reach.friction_lag(self._paths, self._force))
+        lags = self._reach.friction_lag(self._paths, boards, self._force)
+        self._friction_lag = _rms(lags)
         # Each path starts at another position of the board on its rail, the first at its end.
         count, length = self._paths.shape[:2]
         omega, rail = 2 * math.pi * board.motion.frequency, self._reach.rail

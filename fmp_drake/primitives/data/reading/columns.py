@@ -361,12 +361,12 @@ def _channels(
         )
     )
     kuka = {p: group for p, group in kuka.items() if _may_be_degrees(group)}
-    measured_forces = _groups(columns, _FORCE, "xyz")
+    all_forces = _groups(columns, _FORCE, "xyz")
     # Of a Franka arm's forces, that in the frame of its base (o) goes with its pose.
     measured_forces = {
         p: group
-        for p, group in measured_forces.items()
-        if p[-1:] != "k" or f"{p[:-1]}o" not in measured_forces
+        for p, group in all_forces.items()
+        if p[-1:] != "k" or f"{p[:-1]}o" not in all_forces
     }
     roles = (
         (positions, POSITION_CHANNELS),

@@ -28,9 +28,9 @@ def interpolated(
 ) -> tuple[Array, Mask]:
     """Interpolate channels of other sensors, which have rows or a rate of their own.
 
-    Returns values (n, C), and a mask (n,) of the samples with a position, to be kept. Where
-    most samples are complete, or there is no position during most of the time, nothing
-    changes. Nothing is interpolated over gaps.
+    Returns values (n, C), and a mask (n,) of the samples with a position, to be kept. Nothing
+    changes where most samples are complete, or where the position is unknown for most of the
+    time. Nothing is interpolated over gaps.
     """
     known = ~np.isnan(values)
     axes = np.isin(list(channels), POSITION_CHANNELS)
