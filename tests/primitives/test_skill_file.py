@@ -165,7 +165,8 @@ def test_foreign_metadata_is_refused(saved, metadata):
 def test_demonstration_is_not_a_skill(tmp_path):
     path = tmp_path / "d.npz"
     Demonstration(time=np.arange(9), values=np.zeros((9, 2))).save(path)
-    with pytest.raises(SkillFileError, match="is not a skill file of fmp_drake"):
+    message = r"is not a skill file of fmp_drake \(its format is fmp-drake-demonstr"
+    with pytest.raises(SkillFileError, match=message):
         load_skill(path)
 
 

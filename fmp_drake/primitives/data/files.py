@@ -312,12 +312,14 @@ class FileFormat:
         """Return the metadata in the array of a file; refuse a newer version."""
         try:
             metadata: dict[str, Any] = json.loads(str(array))
-            is_ours, version = metadata["format"] == self.name, int(metadata["version"])
+            name, version = str(metadata["format"]), int(metadata["version"])
         except (KeyError, TypeError, ValueError, OverflowError):
-            is_ours, version = False, 0
-        if not is_ours:
+            name, version = "", 0
+        if name != self.name:
+            other = f" (its format is {name[:40]})" if name else ""
             raise self.error(
-                f"{path} is not a {self.what} of fmp_drake; a {self.what} is {self.source}."
+                f"{path} is not a {self.what} of fmp_drake{other}; a {self.what} is "
+                f"{self.source}."
             )
         if version > self.version:
             raise self.error(
