@@ -643,6 +643,10 @@ def pose_stamped(ros, k, **stamp):
     )
 
 
+def pose_alone(ros, k):
+    return pose_stamped(ros, k).pose
+
+
 def transform_stamped(ros, k):
     types = typestore(ros).types
     return types["geometry_msgs/msg/TransformStamped"](
@@ -703,6 +707,10 @@ def wrench_stamped(ros, k, sign=1, **stamp):
     return types["geometry_msgs/msg/WrenchStamped"](
         header=header(ros, k, **stamp), wrench=wrench
     )
+
+
+def wrench_alone(ros, k):
+    return wrench_stamped(ros, k).wrench
 
 
 def ros1_poses(folder):

@@ -46,6 +46,31 @@ def test_the_force_of_a_bag_is_interpolated_at_the_times_of_its_pose(ros, tmp_pa
     assert found.units[3:9] == ("N",) * 3 + ("Nm",) * 3
 
 
+@pytest.mark.parametrize("topic", ["", "/pose,/ft"])
+@pytest.mark.parametrize("pose", [files.pose_alone, files.pose_stamped])
+def test_messages_without_a_header_are_read_at_their_times_of_receipt(
+    pose, topic, tmp_path
+):
+    def wrench(k):
+        return files.wrench_alone(2, k)
+
+    found, remark = bag_of(tmp_path, topic=topic, make=pose, ft=wrench)
+    assert "/pose, times of receipt" in remark
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
+    assert_allclose(forces(found), files.FORCE, atol=1e-9)
+
+
+def test_a_force_with_a_header_is_read_before_one_without(tmp_path):
+    def wrench(k):
+        return files.wrench_stamped(2, k)
+
+    def other(k):
+        return files.wrench_stamped(2, k, sign=-1).wrench
+
+    found, _ = bag_of(tmp_path, bare=other, ft=wrench)
+    assert_allclose(forces(found), files.FORCE, atol=1e-9)
+
+
 def test_a_topic_of_forces_without_messages_hinders_nothing(tmp_path):
     pytest.importorskip("rosbags")
     from rosbags.rosbag1 import Writer

@@ -28,13 +28,19 @@ _POSES = (
     "franka_msgs/msg/FrankaState",
     "franka_msgs/msg/FrankaRobotState",
     "sensor_msgs/msg/JointState",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/Pose",
+    "geometry_msgs/msg/Transform",
+    "geometry_msgs/msg/Point",
 )
 # Names of the numbers of a pose.
 _POSE = (
     *(f"position.{axis}" for axis in "xyz"),
     *(f"orientation.{axis}" for axis in "xyzw"),
 )
-_TRANSFORMS, _WRENCH = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/WrenchStamped"
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
+# Message types of a force, the best first.
+_WRENCHES = ("geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/Wrench")
 # Names of the numbers of a force and a torque.
 _FORCE = tuple(f"wrench.{kind}.{a}" for kind in ("force", "torque") for a in "xyz")
 # Least fraction of the times of a pose at which a force is known that nobody asked for.
@@ -147,7 +153,8 @@ def _messages(path: Path, reader: Any, source: str, child: str) -> _Topic:
         stamps.append(0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec)
         received.append(receipt)
         frame = frame or getattr(header, "frame_id", "")
-        numbers = dict(_numbers(message))
+        is_bare_wrench = connection.msgtype == _WRENCHES[1]
+        numbers = dict(_numbers(message, "wrench." if is_bare_wrench else ""))
         rows = kinds.setdefault(tuple(numbers), [])
         rows.append((len(received) - 1, *numbers.values()))
     if child and not children:
@@ -184,8 +191,10 @@ def _messages(path: Path, reader: Any, source: str, child: str) -> _Topic:
 
 def _wrenches(main: _Topic, connections: Any) -> tuple[list[str], list[str]]:
     """Return the topic of forces to be read beside a pose, if it is the only one; remarks."""
-    counts = {c.topic: c.msgcount for c in connections if c.msgtype == _WRENCH}
-    found = sorted(topic for topic, count in counts.items() if count)
+    filled = [c for c in connections if c.msgcount]
+    kind = next((k for k in _WRENCHES if any(c.msgtype == k for c in filled)), "")
+    counts = {c.topic: c.msgcount for c in filled if c.msgtype == kind}
+    found = sorted(counts)
     is_small = sum(counts.values()) <= _MOST_MESSAGES
     if len(found) == 1 and is_small and _FORCE[0] not in main.names:
         return found, []
