@@ -75,7 +75,8 @@ def as_rotation(
     norms = np.linalg.norm(np.atleast_2d(quaternions), axis=-1)
     if np.any(norms < 1e-6):
         raise DemonstrationError(f"quaternion {int(np.argmin(norms))} is zero.")
-    return Rotation.from_quat(quaternions, scalar_first=order == "wxyz")
+    # Before version 1.18 SciPy takes no read-only arrays.
+    return Rotation.from_quat(np.array(quaternions), scalar_first=order == "wxyz")
 
 
 def mean_rotation(
@@ -156,7 +157,7 @@ def rotation_vectors(
 
 def rotations_of(vectors: ArrayLike, reference: Quaternion) -> Rotation:
     """Return R_BE = exp([phi]x) R_ref of rotation vectors phi (3,) or (N, 3), rad."""
-    return Rotation.from_rotvec(np.asarray(vectors, dtype=float)) * Rotation.from_quat(
+    return Rotation.from_rotvec(np.array(vectors, float)) * Rotation.from_quat(
         reference
     )
 
