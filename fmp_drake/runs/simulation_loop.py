@@ -132,6 +132,8 @@ def advance(
             buttons = stack.enter_context(RunButtons(meshcat, panel))
         context = simulator.get_context()
         simulator.Initialize()
+        # Drake does not leave out the time of the first events, which may compile.
+        simulator.ResetStatistics()
         rate = simulator.get_target_realtime_rate()
         ahead = time.monotonic() * rate - context.get_time()
         while context.get_time() < until or (

@@ -439,6 +439,8 @@ class TeachingSession:
         self._clear_samples()
         self.simulator.set_target_realtime_rate(0.0 if self._clock is None else 1.0)
         self.simulator.Initialize()
+        # Drake does not leave out the time of the first events, which may compile.
+        self.simulator.ResetStatistics()
 
     def _clear_samples(self) -> None:
         self._samples, self._lag, self._drawn, self._discarded = [], 0.0, 0, []

@@ -16,13 +16,13 @@ from fmp_drake.runs.simulation_loop import RunButtons, advance, reset
 class Walk(LeafSystem):
     """A random walk of its own seed, which calls someone at given times."""
 
-    def __init__(self, calls=None):
+    def __init__(self, calls=None, *, first=0.05):
         super().__init__()
         self._calls = calls or {}
         self._state = self.DeclareDiscreteState(np.array([0.0, 3.0]))
         self.DeclareStateOutputPort("walk", self._state)
         self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.1, self._step)
-        self.DeclarePeriodicPublishEvent(0.1, 0.05, self._call)
+        self.DeclarePeriodicPublishEvent(0.1, first, self._call)
 
     def _step(self, context, values):
         x, seed = context.get_discrete_state(0).value()
@@ -154,6 +154,18 @@ def test_a_run_does_not_catch_up_after_a_compilation():
     run(simulator, 0.5)
     # 1.0 s, and 0.4 s.
     assert time.monotonic() - start > 1.3
+
+
+def test_a_run_does_not_catch_up_after_a_compilation_at_its_first_instant(clicks):
+    """As where the first outputs compile: before the clock of the loop has begun."""
+    simulator = Simulator(Walk({0.0: lambda: time.sleep(0.5)}, first=0.0))
+    simulator.set_target_realtime_rate(1.0)
+    times = advance(simulator, 0.6, meshcat=clicks)
+    next(times)
+    begin = time.monotonic()
+    assert list(times)[-1] == pytest.approx(0.6)
+    # It would take hardly any time otherwise.
+    assert time.monotonic() - begin > 0.4
 
 
 def test_the_buttons_are_there_while_the_run_is(clicks):
