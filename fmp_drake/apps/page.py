@@ -116,8 +116,8 @@ def say(console: Console, panel: PagePanel | None, text: str) -> None:
 
 
 def is_watched(panel: PagePanel | None) -> bool:
-    """Return whether the page is open in a browser."""
-    return panel is not None and panel.meshcat.GetNumActiveConnections() > 0
+    """Return whether the page is open in a browser, which may be reloading it."""
+    return panel is not None and panel.is_open()
 
 
 @contextmanager

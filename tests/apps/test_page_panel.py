@@ -1,12 +1,14 @@
 """Facts about the panel of the page in a browser: its texts and its behaviour."""
 
+import threading
 import time
 
 import numpy as np
 import pytest
 from browser import OFFLINE, Page, needs_chromium
 
-from fmp_drake.apps.page import open_page
+from fmp_drake.apps import page as page_module
+from fmp_drake.apps.page import open_page, wait_for_click
 from fmp_drake.runs.simulation_loop import RunButtons
 from fmp_drake.station import LoadScenario
 from fmp_drake.station.page import describe_page
@@ -170,6 +172,30 @@ def test_pause_button_is_labelled_with_its_next_action(page, panel):
         wait_until(lambda: not buttons.paused)
         page.wait_for(f"{pause}.textContent === 'pause (P)'")
     page.wait_for(f"{pause} === null")
+
+
+@pytest.mark.usefixtures("nothing_is_freed")
+def test_a_program_without_a_terminal_waits_while_its_page_is_reloaded(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(page_module, "has_terminal", lambda: False)
+    panel = open_page(title="table_top")
+    with Page(panel.url, tmp_path) as page:
+        page.wait_for_meshcat()
+
+        # Meshcat's own functions are for the main thread only; the page is for any.
+        def reload_and_click():
+            page.wait_for(f"{BUTTON % 'again'} !== null")
+            page.run("window.isOld = true")
+            page.call("Page.reload")
+            page.wait_for(f"!window.isOld && {BUTTON % 'again'} !== null")
+            page.run(f"{BUTTON % 'again'}.click()")
+
+        clicking = threading.Thread(target=reload_and_click)
+        clicking.start()
+        assert wait_for_click(panel, {"again": "start again"}) == "again"
+        clicking.join()
+    panel.close()
 
 
 def test_a_button_that_is_switched_off_cannot_be_pressed(page, panel):

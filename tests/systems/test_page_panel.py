@@ -72,6 +72,25 @@ def told(panel):
         connection.close()
 
 
+def test_page_counts_as_open_while_a_browser_may_reload_it(panel, monkeypatch):
+    class Viewed:
+        viewers = 0
+
+        def GetNumActiveConnections(self):
+            return self.viewers
+
+    now = 100.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    panel.meshcat = Viewed()
+    assert not panel.is_open()
+    panel.meshcat.viewers = 1
+    assert panel.is_open()
+    panel.meshcat.viewers, now = 0, 109.0
+    assert panel.is_open()
+    now = 111.0
+    assert not panel.is_open()
+
+
 def test_the_page_is_meshcat_s_with_a_panel_and_a_title(panel):
     panel.show(title="words <b>")
     said = told(panel)

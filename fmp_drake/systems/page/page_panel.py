@@ -2,11 +2,13 @@
 
 import contextlib
 import json
+import math
 import os
 import random
 import secrets
 import subprocess
 import sys
+import time
 import weakref
 from html import escape
 from pathlib import Path
@@ -20,6 +22,9 @@ from fmp_drake.systems.page.page_server import with_panel
 
 # Longest log of a page.
 _MOST_MESSAGES = 100
+# Time in which a browser connects again while it reloads the page, s. On a slow network
+# (1.6 Mbit/s) that takes 12 s the first time, and less with the browser's cache.
+_RELOAD_TIME = 10.0
 
 type Level = Literal["good", "busy", "bad", "idle"]
 type Kind = Literal["area", "line", "arrow"]
@@ -209,6 +214,7 @@ class PagePanel:
     def __init__(self, meshcat: Meshcat, *, host: str = "localhost") -> None:
         self.meshcat = meshcat
         self.shown: PanelFields = {}
+        self._last_seen = -math.inf
         script = Path(__file__).with_name("page_server.py")
         with uninterrupted_start():
             process = subprocess.Popen(
@@ -250,6 +256,16 @@ class PagePanel:
         messages = self.shown.get("messages", [])
         message: Message = {"level": level, "text": text}
         self.show(messages=[*messages, message][-_MOST_MESSAGES:])
+
+    def is_open(self) -> bool:
+        """Return whether a browser shows the page, or may be reloading it.
+
+        A page counts as open for 10 s after the last call that found it connected.
+        """
+        now = time.monotonic()
+        if self.meshcat.GetNumActiveConnections() > 0:
+            self._last_seen = now
+        return now - self._last_seen < _RELOAD_TIME
 
     def close(self) -> None:
         """End the page; open browsers keep their content."""
