@@ -95,6 +95,8 @@ def AddBodies(builder: DiagramBuilder, scene: BoardScene, meshcat: Meshcat) -> N
 def ShowStill(scenario: Scenario, meshcat: Meshcat) -> None:
     """Show arm, eraser and board at rest, before there is a station.
 
+    The tool is at the start; where the arm cannot reach it, in the preferred posture.
+
     Parameters
     ----------
     scenario : Scenario
@@ -102,12 +104,11 @@ def ShowStill(scenario: Scenario, meshcat: Meshcat) -> None:
         A station clears the picture before it draws its own.
     """
     builder = DiagramBuilder()
-    scene = AddBoardScene(
-        builder,
-        scenario,
-        start=scenario.start,
-        q=scenario.preferred_posture(),
-    )
+    try:
+        scene = AddBoardScene(builder, scenario, start=scenario.start)
+    except StationError:
+        builder, q = DiagramBuilder(), scenario.preferred_posture()
+        scene = AddBoardScene(builder, scenario, start=scenario.start, q=q)
     AddBodies(builder, scene, meshcat)
     diagram = builder.Build()
     diagram.ForcedPublish(diagram.CreateDefaultContext())

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import umsgpack
 from browser import needs_chromium, screenshot
 from pydrake.geometry import (
     ClippingRange,
@@ -17,9 +18,16 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.sensors import CameraInfo
 
 from fmp_drake.errors import StationError
+from fmp_drake.station.board_scene import AddBoardScene
 from fmp_drake.station.models.whiteboard import AddWhiteboard
-from fmp_drake.station.page import FIELD_OF_VIEW, RenderLights, SetStage
+from fmp_drake.station.page import (
+    FIELD_OF_VIEW,
+    RenderLights,
+    SetStage,
+    ShowStill,
+)
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot
+from fmp_drake.station.scenario import LoadScenario
 from fmp_drake.station.scenario_parts import BoardConfig
 
 EYE, TARGET = np.array([1.42, -0.92, 0.82]), np.array([0.36, 0.0, 0.25])
@@ -149,3 +157,26 @@ def test_films_have_one_lamp_that_casts_shadows():
 def test_camera_without_a_valid_direction_is_an_error(eye, target, complaint):
     with pytest.raises(StationError, match=complaint):
         SetStage(Meshcat(), eye=eye, target=target)
+
+
+@pytest.mark.parametrize("name", ["stir", "wipe_dome"])
+def test_tool_waits_at_the_start_of_a_run(name):
+    """It was 13 cm below the bottom of the pot, and 25 cm below the top of the dome."""
+    scenario, meshcat, builder = LoadScenario(name), Meshcat(), DiagramBuilder()
+    ShowStill(scenario, meshcat)
+    robot = AddBoardScene(builder, scenario, start=scenario.start).robot
+    builder.Build()
+    body = robot.tip.body()
+    path = f"/drake/bodies/{body.scoped_name().get_full().replace('::', '/')}"
+    packed = umsgpack.unpackb(meshcat._GetPackedTransform(path))
+    X_WBody = RigidTransform(np.reshape(packed["matrix"], (4, 4)).T)
+    tip = X_WBody @ robot.tip.GetFixedPoseInBodyFrame()
+    p_BE = scenario.board.pose().inverse() @ tip.translation()
+    np.testing.assert_allclose(p_BE, scenario.start, atol=1e-3)
+
+
+def test_arm_is_shown_also_where_the_start_is_out_of_reach():
+    scenario, meshcat = LoadScenario("table_top"), Meshcat()
+    scenario.start = [3.0, 0.0, 0.05]
+    ShowStill(scenario, meshcat)
+    assert meshcat._GetPackedTransform("/drake/bodies/eraser/eraser") != b""
