@@ -349,8 +349,8 @@ def SetStage(meshcat: Meshcat, *, eye: ArrayLike, target: ArrayLike) -> None:
     eye = finite_array(eye, "the camera's eye", (3,), error=StationError)
     target = finite_array(target, "the camera's target", (3,), error=StationError)
     R_WC = CameraAxes(eye, target)
-    meshcat.SetProperty("/Background", "top_color", list(_SKY))
-    meshcat.SetProperty("/Background", "bottom_color", list(_GROUND))
+    meshcat.SetProperty("/Background" + _ON, "top_color", list(_SKY))
+    meshcat.SetProperty("/Background" + _ON, "bottom_color", list(_GROUND))
     # The background also illuminates the arm's meshes, here less than the ambient light.
     meshcat.SetProperty("/", "environmentIntensity", 0.15)
     for name in (

@@ -180,3 +180,12 @@ def test_arm_is_shown_also_where_the_start_is_out_of_reach():
     scenario.start = [3.0, 0.0, 0.05]
     ShowStill(scenario, meshcat)
     assert meshcat._GetPackedTransform("/drake/bodies/eraser/eraser") != b""
+
+
+def test_background_has_its_colours_where_meshcat_looks_for_them():
+    """Elsewhere the browser's console warns of each colour."""
+    meshcat = Meshcat()
+    SetStage(meshcat, eye=EYE, target=TARGET)
+    for name in ("top_color", "bottom_color"):
+        assert meshcat._GetPackedProperty("/Background", name) == b""
+        assert meshcat._GetPackedProperty("/Background/<object>", name) != b""
