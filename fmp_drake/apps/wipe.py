@@ -64,7 +64,7 @@ _DURATION = 60.0
 _UPDATE_PERIOD, _INTERVAL = 1.0, 0.0999
 _RUN_ANYWAY = "run anyway"
 _BUTTONS_AFTER_A_RUN = {
-    "run on": "continue the run from here",
+    "continue": "continue the run from here",
     "again": "start again, as at the beginning",
 }
 

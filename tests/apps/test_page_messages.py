@@ -82,7 +82,7 @@ def test_given_duration_ends_a_run_that_is_watched(command, watched):
 
 
 def test_run_continues_and_starts_again_by_buttons(command, watched):
-    watched(2, clicks=["run on", "again"])
+    watched(2, clicks=["continue", "again"])
     # The first part uses two answers.
     assert simulated(command("wipe", "--target-realtime-rate", 0).out) == [
         0.4,
@@ -103,7 +103,7 @@ def test_finished_page_has_results_and_no_arm_to_drag(command, watched, monkeypa
         return panel
 
     monkeypatch.setattr(wipe_module, "open_page", open_and_watch)
-    watched(2, clicks=["run on"])
+    watched(2, clicks=["continue"])
     assert command("wipe", "--target-realtime-rate", 0).code == 0
     grabs = [fields["grab"] for fields in shown if "grab" in fields]
     ends = ["you are pulling", ""]

@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 from browser import OFFLINE, Page, needs_chromium
+from pydrake.systems.analysis import Simulator
 
 from fmp_drake.apps import page as page_module
 from fmp_drake.apps.page import open_page, wait_for_click
@@ -149,6 +150,49 @@ def test_no_button_of_teaching_takes_the_place_of_one_that_discards(tmp_path, si
                 page.wait_for(f"{BUTTON % name} === null")
     panel.close()
     assert len({tuple(places[name]) for name in ("again", "save", "undo", "more")}) == 4
+
+
+@pytest.mark.parametrize("size", [(390, 844), (800, 600)])
+def test_sliders_stay_where_they_are_whatever_the_page_says(tmp_path, size):
+    panel = open_page(title="table_top")
+    panel.show(**describe_page(LoadScenario("table_top")), mode="wiping", level="good")
+    panel.show(time=12.34, cleaned=0.625, force=9.5)
+    Simulator(PageControls(panel.meshcat)).Initialize()
+    names = ("tempo", "press force (N)", "sample")
+    places = {}
+    with Page(panel.url, tmp_path, size=size, has_touch=size[0] < 640) as page:
+        page.wait_for_meshcat()
+        for i, detail in enumerate(("", "comes down where the movement touches")):
+            panel.show(detail=detail, rate=0.5 if i else 1.0)
+            if i:
+                panel.say("contact lost at 6.7 s. " * 3, level="busy")
+                page.wait_for(f"{TEXT}.includes('contact lost')")
+                page.wait_for(f"{TEXT}.includes('this machine is slow')")
+            for name in names:
+                page.wait_for(f"{SLIDER % name} !== null")
+            for name in names:
+                box = f"{SLIDER % name}.getBoundingClientRect()"
+                place = page.run(f"[{box}.left, {box}.top, {box}.width]")
+                assert places.setdefault(name, place) == place
+    panel.close()
+
+
+@pytest.mark.parametrize("size", [(390, 844), (800, 600)])
+def test_second_click_on_stop_presses_no_other_button(page, panel, size):
+    resize(page, *size)
+    with RunButtons(panel.meshcat, panel) as buttons:
+        assert not buttons.paused
+        page.wait_for(f"{BUTTON % RunButtons.STOP} !== null")
+        box = f"{BUTTON % RunButtons.STOP}.getBoundingClientRect()"
+        left, right, y = page.run(f"[{box}.left, {box}.right, {box}.top + 9]")
+    for name in ("continue", "again"):
+        panel.meshcat.AddButton(name)
+    page.wait_for(f"{BUTTON % 'again'} !== null && {BUTTON % 'stop'} === null")
+    for x in (left + 5, (left + right) / 2, right - 5):
+        assert page.run(f"document.elementFromPoint({x}, {y}).tagName") != "BUTTON"
+    for name in ("continue", "again"):
+        panel.meshcat.DeleteButton(name)
+    resize(page, 800, 500)
 
 
 def test_a_stop_is_shown_with_its_reason_while_it_lasts(page, panel):
