@@ -115,6 +115,8 @@ def wipe_with_arm(
         elif go and steps % _REQUEST_STEPS == 0 and run.mode is GateMode.WAITING:
             run.go()
 
+    if run.panel is not None:
+        run.panel.show(progress=None)
     try:
         run.play(duration, operate)
     finally:
@@ -146,6 +148,11 @@ def arm_in_words(run: ArmRun) -> PanelFields:
         return {**fields, "level": level, "mode": mode, "detail": detail}
     if run.mode is GateMode.RETURNING:
         return {**fields, "level": "good", "mode": "returning slowly", "detail": ""}
+    hint = "Enter in the terminal enables the arm" if has_terminal() else ""
     if run.mode is GateMode.STOPPED:
-        return {**fields, "level": "bad", "mode": "stopped", "detail": faults}
-    return {**fields, "level": "idle", "mode": "waiting", "detail": faults}
+        fields |= {"level": "bad", "mode": "stopped"}
+        hint = hint and f"{hint} again"
+    else:
+        fields |= {"level": "idle", "mode": "waiting"}
+    detail = "; ".join(text for text in (faults, hint) if text)
+    return {**fields, "detail": detail}

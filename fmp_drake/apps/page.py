@@ -86,15 +86,19 @@ def open_page(
     return panel
 
 
-def show_preparation(panel: PagePanel, scenario: Scenario) -> None:
-    """Show a scenario at rest during learning and compilation."""
+def show_preparation(panel: PagePanel, scenario: Scenario | None) -> None:
+    """Show learning and compilation, with a scenario at rest.
+
+    It is None for an arm that is not simulated, whose pose is not known yet.
+    """
     panel.show(
         mode="getting ready",
         level="idle",
         detail="a few seconds; up to half a minute the first time on a machine",
         progress=0.1,
     )
-    ShowStill(scenario, panel.meshcat)
+    if scenario is not None:
+        ShowStill(scenario, panel.meshcat)
 
 
 def wait_for_law(

@@ -186,8 +186,8 @@ def wipe(
         announce = None if page.headless else console
         panel = open_page(announce, title=title, host=page.host)
     with ended_page(panel):
-        if panel is not None and config is None and not page.headless:
-            show_preparation(panel, scenario)
+        if panel is not None and not page.headless:
+            show_preparation(panel, scenario if config is None else None)
         start = time.perf_counter()
         skill, demonstrations, remarks = scenario_skill(
             scenario,

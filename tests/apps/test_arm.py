@@ -209,17 +209,24 @@ def test_enter_enables_and_stops_an_arm_and_the_page_reports_it(
     shown = Demonstration.load(models_dir() / "demonstrations" / "wiping.npz")
     learned = FourierMovementPrimitive(n_steps=20, overlap=5, n_components=4)
     save_skill(learned.fit(shown), skill)
-    panels = []
+    panels, shown_fields = [], []
 
     def open_and_keep(*arguments, **options):
         panels.append(open_page(*arguments, **options))
+        show = panels[-1].show
+        monkeypatch.setattr(
+            panels[-1],
+            "show",
+            lambda **fields: (shown_fields.append(fields), show(**fields)),
+        )
         return panels[-1]
 
     monkeypatch.setattr("fmp_drake.apps.wipe.open_page", open_and_keep)
     bus, messages = Bus(monkeypatch), []
     bus.at = {150: enter, 750: enter}
     bus.at |= dict.fromkeys(
-        (140, 740, 990), lambda: messages.append(panels[0].shown["mode"])
+        (140, 740, 990),
+        lambda: messages.append([panels[0].shown[k] for k in ("mode", "detail")]),
     )
     # Without a duration it waits for Enter, and ends with Ctrl-C.
     monkeypatch.setattr("fmp_drake.apps.wipe._DURATION", 0.1)
@@ -232,7 +239,16 @@ def test_enter_enables_and_stops_an_arm_and_the_page_reports_it(
         assert line in result.out
     modes = ("waiting\n", "open\n", "stopped (STOPPED)\n")
     assert list(map(result.out.count, modes)) == [1, 1, 1]
-    assert messages == ["waiting", "in the air", "stopped"]
+    enables = "Enter in the terminal enables the arm"
+    assert messages == [
+        ["waiting", enables],
+        ["in the air", messages[1][1]],
+        ["stopped", f"STOPPED; {enables} again"],
+    ]
+    # Before, the page was empty while the skill was made ready.
+    modes = [fields["mode"] for fields in shown_fields if "mode" in fields]
+    assert modes[0] == "getting ready"
+    assert panels[0].shown["progress"] is None
     assert panels[0].shown["mode"] == "stopped"
     assert 0.1 < float(result.out.split("open seconds: ")[1].split()[0]) < 0.6
     assert result.out.split("stops: ")[1].splitlines()[0].endswith("'STOPPED')]")
