@@ -195,6 +195,26 @@ def test_second_click_on_stop_presses_no_other_button(page, panel, size):
     resize(page, 800, 500)
 
 
+def test_reset_view_is_beside_the_menu_of_the_viewer(page):
+    page.mouse("moved", 700, 450, pressed=False)
+    page.mouse("pressed", 700, 450)
+    page.drag([700, 450], [650, 430])
+    page.mouse("released", 650, 430)
+    view, menu = "document.getElementById('fmp-view')", "viewer.gui.domElement"
+    page.wait_for(f"!{view}.hidden")
+    for is_open in (True, False):
+        page.run("document.getElementById('fmp-viewer').click()")
+        page.wait_for(f"({menu}.offsetWidth > 0) === {str(is_open).lower()}")
+        box = f"{view}.getBoundingClientRect()"
+        if is_open:
+            edge = f"{menu}.getBoundingClientRect().left"
+            assert page.run(f"{box}.right <= {edge} && {box}.left > 0")
+        else:
+            assert page.run(f"{box}.right") == page.run("innerWidth") - 10
+    page.run(f"{view}.click()")
+    page.wait_for(f"{view}.hidden")
+
+
 def test_a_stop_is_shown_with_its_reason_while_it_lasts(page, panel):
     panel.show(mode="protective stop", level="bad", detail="no board was found")
     page.wait_for(f"{TEXT}.includes('no board was found')")
