@@ -202,7 +202,7 @@ def photograph_page(path):
     with (
         RunButtons(panel.meshcat, panel) as buttons,
         tempfile.TemporaryDirectory() as folder,
-        Page(panel.url, Path(folder), size=(1200, 800)) as page,
+        Page(panel.url, Path(folder), size=(1200, 800), seldom=False) as page,
     ):
         assert not buttons.paused
         page.wait_for_scene(panel.meshcat)
