@@ -140,7 +140,7 @@ def test_a_joint_too_fast_is_named_with_its_limit(until):
     limits = np.array([1.0, 2.0, 2.5])
     (sentence,) = sentences(signals, until=until, speed_limits=limits)
     assert sentence == (
-        "a joint too fast from 4.0 to 4.2 s: joint 3, at up to 96 % of its limit of "
+        "a joint near its speed limit from 4.0 to 4.2 s: joint 3, at up to 96 % of its limit of "
         "2.5 rad/s"
     )
 

@@ -191,8 +191,8 @@ CONDITIONS = {
     StatusFlag.OVERSPEED: Condition(
         "busy",
         "braking",
-        "a joint is too fast",
-        "a joint too fast",
+        "a joint is near its speed limit",
+        "a joint near its speed limit",
         "Lower the tempo, or the stiffness.",
     ),
     StatusFlag.CONTACT_LOST: Condition(
