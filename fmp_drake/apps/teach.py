@@ -95,7 +95,7 @@ def teach(to: TeachOptions) -> None:
     panel = open_page(title=f"teach: {Path(to.scenario).stem}", host=to.host)
     with ended_page(panel):
         show_preparation(panel, scene)
-        console.print(f"teach it at {panel.url}; Ctrl-C ends")
+        console.print(f"teach it at {panel.url}; Ctrl-C saves and ends")
         with console.status("getting ready"):
             WarmUp(lambda fraction: panel.show(progress=fraction))
         session = TeachingSession(
@@ -107,9 +107,15 @@ def teach(to: TeachOptions) -> None:
         )
         page = TeachPage(panel, scene)
         steps = count() if to.duration is None else range(round(to.duration / _STEP))
-        for step in steps:
-            session.advance(_STEP)
-            if button := page.press_clicked_button(session):
-                console.print(f"{button}: {session.remark or session.status}")
-            elif step % round(_UPDATE_PERIOD / _STEP) == 0:
-                page.show(session)
+        try:
+            for step in steps:
+                session.advance(_STEP)
+                if button := page.press_clicked_button(session):
+                    console.print(f"{button}: {session.remark or session.status}")
+                elif step % round(_UPDATE_PERIOD / _STEP) == 0:
+                    page.show(session)
+        finally:
+            # Nobody can teach it again in the same way.
+            session.press("save")
+            if session.is_done:
+                console.print(f"save: {session.remark}")

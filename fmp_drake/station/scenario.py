@@ -365,6 +365,7 @@ def _Parse(
             _Locate(scenario, folder)
         if robot not in (None, scenario.robot):
             scenario.robot, scenario.posture = str(robot), []
+            name = f"{name} with {robot}"
     if robot is not None or os.path.isfile(scenario.robot):
         LoadRobot(scenario.robot)  # Its errors do not name the scenario.
     with in_one_line(f"{name} is not a scenario"):

@@ -11,7 +11,8 @@ from fmp_drake.apps.page import open_page
 from fmp_drake.primitives import Demonstration, load_skill
 from fmp_drake.runs import TeachingSession
 from fmp_drake.runs.teach_page import TeachPage
-from fmp_drake.station import LoadScenario, MouseOnPage
+from fmp_drake.station import LoadScenario, MouseOnPage, SimulatedHand
+from fmp_drake.systems import HandMotion
 from fmp_drake.systems.mouse_hand import TURN_SWITCH
 
 STUB = (
@@ -35,6 +36,28 @@ def test_page_opens_and_its_address_is_printed(command, outputs):
     assert result.code == 0
     assert "teach it at http://localhost:" in result.out
     assert list(outputs.iterdir()) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_interrupted", [False, True])
+def test_what_was_taught_is_saved_at_the_end(
+    command, outputs, monkeypatch, is_interrupted
+):
+    def hand(_):
+        return SimulatedHand(HandMotion.make("eight", duration=20.0, seed=0))
+
+    def interrupt(_, session):
+        if is_interrupted and session.simulator.get_context().get_time() > 2.5:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("fmp_drake.apps.teach.MouseOnPage", hand)
+    monkeypatch.setattr(TeachPage, "press_clicked_button", interrupt)
+    options = ("--out", outputs / "a.npz", "--skill", outputs / "b.npz")
+    result = command("teach", "--duration", 3.0, *options)
+    assert result.code == (130 if is_interrupted else 0)
+    assert "save: wrote a.npz" in result.out
+    assert [path.name for path in outputs.iterdir()] == ["a.npz"]
+    assert Demonstration.load(outputs / "a.npz").duration > 1.0
 
 
 def test_effect_of_each_button_is_described(command, outputs, monkeypatch):
