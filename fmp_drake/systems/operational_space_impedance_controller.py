@@ -216,8 +216,9 @@ class OperationalSpaceImpedanceController(LeafSystem):
     config : ImpedanceConfig
         Gains and limits; read once.
     q_posture : array, shape (n,), optional
-        Posture of the nullspace, rad. By default the middle of the joints' ranges (zero
-        for a joint without limits).
+        Posture of the nullspace, rad. By default the middle of the joints' ranges; zero
+        for a joint without limits, and at least 1 rad from the limit of a joint that has
+        only one.
     engage_height : float
         Height of the target over `contact_height` below which the desired normal force
         acts, m.

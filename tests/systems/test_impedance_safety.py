@@ -215,6 +215,17 @@ def test_a_joint_without_limits_has_no_wall():
     assert not pushes(wall(100.0, 50.0, free))
 
 
+@pytest.mark.parametrize(("inside", "outward"), [(0.7, -1), (-2.3, 1)])
+def test_a_joint_with_one_limit_has_one_wall(inside, outward):
+    ends = (0.5, np.inf) if outward < 0 else (-np.inf, -2.1)
+    limits = one_joint(*ends, speed=2.0, effort=10.0)
+    assert not pushes(wall(inside, 0.0, limits))
+    assert not pushes(wall(inside - 40.0 * outward, -1.5 * outward, limits))
+    found = wall(inside + 0.15 * outward, 0.0, limits)
+    assert found.at_wall
+    assert -outward * found.torque[0] == pytest.approx(10.0)
+
+
 def test_a_joint_without_an_effort_limit_still_has_a_wall():
     limits = one_joint(-1.0, 1.0, speed=np.inf, effort=np.inf)
     found = wall(1.0, 0.0, limits)

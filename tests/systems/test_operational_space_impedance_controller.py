@@ -34,11 +34,15 @@ from fmp_drake.errors import SystemsError
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.systems.impedance.algebra import Pose, task_error
 from fmp_drake.systems.impedance.config import ImpedanceConfig
-from fmp_drake.systems.impedance.joints import FrictionConfig, rate_scale, torque_scale
+from fmp_drake.systems.impedance.joints import (
+    FrictionConfig,
+    rate_scale,
+    torque_scale,
+)
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
 from fmp_drake.systems.impedance.records import values_of
 from fmp_drake.systems.impedance.step import impedance_step
-from fmp_drake.systems.interface.arm_model import ArmModel
+from fmp_drake.systems.interface.arm_model import ArmModel, checked_posture
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
@@ -438,6 +442,19 @@ def test_the_default_posture_is_the_middle_of_the_ranges():
         fix(controller, context, inputs)
         torques.append(updated_torque(controller, context))
     np.testing.assert_array_equal(*torques)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "posture"),
+    [(0.5, np.inf, 1.5), (-3.0, np.inf, 0.0), (-np.inf, 0.2, -0.8)],
+)
+def test_the_default_posture_is_a_radian_from_the_only_limit_of_a_joint(
+    lower, upper, posture
+):
+    plant = planar_plant(finalize=False)
+    plant.GetJointByName("elbow").set_position_limits([lower], [upper])
+    plant.Finalize()
+    np.testing.assert_allclose(checked_posture(plant, None), [0.0, posture])
 
 
 def test_an_arm_on_a_free_base_is_refused():

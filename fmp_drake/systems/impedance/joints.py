@@ -20,6 +20,8 @@ _STOPPING_TIME = 0.05
 # Fraction of the speed limits that a torque may lead to. Contact and friction, which
 # are unknown here, may accelerate a joint further.
 _SPEED_FRACTION = 0.95
+# Distance of the other limit of a joint that has only one, rad.
+_FAR = 1e3
 
 
 @dataclass(kw_only=True)
@@ -60,7 +62,8 @@ class JointLimits(NamedTuple):
     Parameters
     ----------
     middle, half_range : array, shape (n,)
-        Of the position, rad; the middle is 0 where there is no limit.
+        Of the position, rad; the middle is 0 where there is no limit, and far away where
+        there is one.
     speed : array, shape (n,)
         rad/s.
     lower_effort, upper_effort : array, shape (n,)
@@ -76,9 +79,13 @@ class JointLimits(NamedTuple):
     @classmethod
     def between(cls, lower: Array, upper: Array, **others: Array) -> Self:
         """Make limits from lower and upper position limits, rad, and the other fields."""
-        two_sided = np.isfinite(lower) & np.isfinite(upper)
+        # A joint with one limit has the other one far away.
+        has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
+        lower = np.where(has_upper & ~has_lower, upper - _FAR, lower)
+        upper = np.where(has_lower & ~has_upper, lower + _FAR, upper)
         middle = np.zeros(len(lower))
-        middle[two_sided] = 0.5 * (lower[two_sided] + upper[two_sided])
+        is_limited = has_lower | has_upper
+        middle[is_limited] = 0.5 * (lower[is_limited] + upper[is_limited])
         half_range = np.minimum(upper - middle, middle - lower)
         return cls(middle, half_range, **others)
 

@@ -11,6 +11,9 @@ from fmp_drake.numeric import Array, as_floats, check_type
 from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.interface.callbacks import check_frame
 
+# Distance of the default posture from the limit of a joint that has one only, rad.
+_FROM_LIMIT = 1.0
+
 type _Arguments = tuple[bool, Array, Array, Array, Array, Array, Array, Array]
 
 
@@ -175,9 +178,11 @@ def _check_plant(plant: MultibodyPlant, end_effector: Frame) -> None:
 
 def checked_posture(plant: MultibodyPlant, q_posture: Array | None) -> Array:
     """Return a copy of the posture in rad, or the middle of the joints' ranges."""
-    if q_posture is None:
-        return joint_limits(plant).middle
     lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+    if q_posture is None:
+        is_bounded = np.isfinite(lower) & np.isfinite(upper)
+        near_zero = np.clip(0.0, lower + _FROM_LIMIT, upper - _FROM_LIMIT)
+        return np.where(is_bounded, joint_limits(plant).middle, near_zero)
     q = np.array(as_floats(q_posture, "q_posture", error=SystemsError))
     if q.shape != lower.shape or not np.all((lower <= q) & (q <= upper)):
         raise SystemsError(
