@@ -36,6 +36,7 @@ from fmp_drake.systems.impedance.algebra import Pose, task_error
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import (
     FrictionConfig,
+    JointWallConfig,
     rate_scale,
     torque_scale,
 )
@@ -455,6 +456,25 @@ def test_the_default_posture_is_a_radian_from_the_only_limit_of_a_joint(
     plant.GetJointByName("elbow").set_position_limits([lower], [upper])
     plant.Finalize()
     np.testing.assert_allclose(checked_posture(plant, None), [0.0, posture])
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ((0.0, 0.0), r"elbow has the limits 0 and 0 rad; .* more than 0\.2 rad apart"),
+        ((0.5, 0.66), r"elbow has the limits 0\.5 and 0\.66 rad.*walls\.width = 0\.1"),
+    ],
+)
+def test_a_joint_whose_range_the_limit_springs_fill_is_refused(limits, words):
+    plant = planar_plant(finalize=False)
+    lower, upper = limits
+    plant.GetJointByName("elbow").set_position_limits([lower], [upper])
+    plant.Finalize()
+    with pytest.raises(SystemsError, match=words):
+        make_planar(plant)
+    if upper > lower:
+        walls = JointWallConfig(width=0.05)
+        make_planar(plant, config=ImpedanceConfig(walls=walls))
 
 
 def test_an_arm_on_a_free_base_is_refused():

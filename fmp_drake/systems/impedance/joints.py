@@ -33,8 +33,9 @@ class JointWallConfig:
     Attributes
     ----------
     width : float
-        Width of the spring at a limit, rad. At half of it the spring's torque is the
-        joint's effort limit; without an effort limit the spring is critically damped.
+        Width of the spring at a limit, rad, or m for a prismatic joint; less than half the
+        range of every joint. At half of it the spring's torque is the joint's effort limit;
+        without an effort limit the spring is critically damped.
     braking_acceleration : float
         Deceleration, rad/s², that bounds the speed towards a joint-limit spring.
     speed_fraction : float

@@ -118,6 +118,28 @@ def joint_limits(plant: MultibodyPlant) -> JointLimits:
     )
 
 
+def check_wall_width(plant: MultibodyPlant, width: float) -> None:
+    """Raise an error where the springs at both limits of a joint would meet.
+
+    Parameters
+    ----------
+    plant : MultibodyPlant
+        Finalized.
+    width : float
+        Of a spring at a joint limit, rad or m.
+    """
+    lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+    for joint, low, high in zip(_moving_joints(plant), lower, upper, strict=True):
+        if not high - low > 2 * width:
+            unit = "m" if joint.type_name() == "prismatic" else "rad"
+            raise SystemsError(
+                f"{joint.name()} has the limits {low:g} and {high:g} {unit}; they must be "
+                f"more than {2 * width:g} {unit} apart, because a spring of "
+                f"walls.width = {width:g} acts at each. Correct the limits, choose "
+                "narrower springs, or weld the joint."
+            )
+
+
 def joint_damping(plant: MultibodyPlant) -> Array:
     """Return the viscous damping of an arm's joints, shape (n,), Nm s/rad."""
     joints = _moving_joints(plant)
