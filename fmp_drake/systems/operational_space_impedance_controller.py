@@ -132,7 +132,7 @@ from fmp_drake.systems.impedance.records import (
 from fmp_drake.systems.impedance.step import impedance_step, measured_motion
 from fmp_drake.systems.interface.arm_model import (
     ArmModel,
-    check_wall_width,
+    check_limits,
     checked_posture,
     joint_limits,
 )
@@ -280,7 +280,7 @@ class OperationalSpaceImpedanceController(LeafSystem):
             engage_height=float(engage_height),
             contact_height=float(contact_height),
         )
-        check_wall_width(plant, config.walls.width)
+        check_limits(plant, config.walls.width)
         self.limits = joint_limits(plant)
         joints = joint_settings(
             config,

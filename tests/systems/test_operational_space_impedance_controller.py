@@ -477,6 +477,15 @@ def test_a_joint_whose_range_the_limit_springs_fill_is_refused(limits, words):
         make_planar(plant, config=ImpedanceConfig(walls=walls))
 
 
+@pytest.mark.parametrize("limits", [(0.0, 0.0), (0.0, 2.0)])
+def test_a_joint_that_may_not_move_is_refused(limits):
+    plant = planar_plant(finalize=False)
+    plant.GetJointByName("elbow").set_velocity_limits(*([limit] for limit in limits))
+    plant.Finalize()
+    with pytest.raises(SystemsError, match=r"elbow has the velocity limits 0 and "):
+        make_planar(plant)
+
+
 def test_an_arm_on_a_free_base_is_refused():
     lines = TWO_JOINTS.splitlines()
     free = "\n".join(line for line in lines if 'name="weld"' not in line)

@@ -118,25 +118,33 @@ def joint_limits(plant: MultibodyPlant) -> JointLimits:
     )
 
 
-def check_wall_width(plant: MultibodyPlant, width: float) -> None:
-    """Raise an error where the springs at both limits of a joint would meet.
+def check_limits(plant: MultibodyPlant, wall_width: float) -> None:
+    """Raise an error for a joint whose limits leave no motion.
+
+    The springs at both of its limits would meet, or it may not move in one direction.
 
     Parameters
     ----------
     plant : MultibodyPlant
         Finalized.
-    width : float
-        Of a spring at a joint limit, rad or m.
+    wall_width : float
+        Width of a spring at a joint limit, rad or m.
     """
-    lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-    for joint, low, high in zip(_moving_joints(plant), lower, upper, strict=True):
-        if not high - low > 2 * width:
-            unit = "m" if joint.type_name() == "prismatic" else "rad"
+    for joint in _moving_joints(plant):
+        unit = "m" if joint.type_name() == "prismatic" else "rad"
+        (low,), (high,) = joint.position_lower_limits(), joint.position_upper_limits()
+        if not high - low > 2 * wall_width:
             raise SystemsError(
                 f"{joint.name()} has the limits {low:g} and {high:g} {unit}; they must be "
-                f"more than {2 * width:g} {unit} apart, because a spring of "
-                f"walls.width = {width:g} acts at each. Correct the limits, choose "
+                f"more than {2 * wall_width:g} {unit} apart, because a spring of "
+                f"walls.width = {wall_width:g} acts at each. Correct the limits, choose "
                 "narrower springs, or weld the joint."
+            )
+        (low,), (high,) = joint.velocity_lower_limits(), joint.velocity_upper_limits()
+        if not low < 0 < high:
+            raise SystemsError(
+                f"{joint.name()} has the velocity limits {low + 0:g} and {high:g} {unit}/s; "
+                "expected a negative and a positive one. Correct the model."
             )
 
 
