@@ -221,6 +221,14 @@ def test_phase_of_samples_on_the_cycle_is_exact():
     np.testing.assert_allclose(found, phase, atol=1e-9)
 
 
+@pytest.mark.parametrize("derivative", [0, 1, 2, 3])
+def test_a_cycle_has_the_same_values_at_few_and_at_many_phases(derivative):
+    phase = 0.05 * np.arange(200)
+    cycle = Cycle.fit([phase], [curve(phase)], harmonics=6)
+    each = [cycle.values(x, derivative) for x in phase]
+    assert_allclose(cycle.values(phase, derivative), each, atol=1e-11)
+
+
 @pytest.mark.parametrize("cycles", [1.7, 2.7, 4.3])
 def test_few_cycles_are_played_as_smoothly_as_they_were_shown(cycles):
     phase = 2 * np.pi * np.arange(0, cycles, 1 / 40)

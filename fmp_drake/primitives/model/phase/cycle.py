@@ -19,6 +19,8 @@ ONE_CYCLE = 1.001
 _SAMPLES_PER_HARMONIC = 12
 # Phase in which the weight of samples rises from 0 at an end of a recording, rad.
 _RAMP = np.pi
+# Number of phases up to which the functions of all orders are computed at once.
+_FEW_PHASES = 50
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -185,7 +187,12 @@ def _end_weights(phase: Array) -> Array:
 def _rows(phase: Array, harmonics: int, derivative: int) -> Array:
     out = np.empty((*phase.shape, 1 + 2 * harmonics))
     out[..., 0] = derivative == 0
-    # Repeated rotation takes a fifth of the time of a sine and cosine of each order.
+    if phase.size <= _FEW_PHASES:
+        orders = np.arange(1, harmonics + 1)
+        rotated = (1j * orders) ** derivative * np.exp(1j * phase[..., None] * orders)
+        out[..., 1::2], out[..., 2::2] = rotated.real, rotated.imag
+        return out
+    # For many phases, repeated rotation takes less time than a sine and cosine of each order.
     rotation = np.exp(1j * phase)
     rotated = np.full_like(rotation, 1j**derivative)
     for order in range(1, harmonics + 1):
