@@ -208,7 +208,8 @@ class OperationalSpaceImpedanceController(LeafSystem):
     plant : MultibodyPlant
         A finalized plant that holds the arm and its tool and nothing else, without
         constraints, and with one actuator for every joint in the joints' order; source of
-        the joint limits. An arm of fewer than six joints cannot reach every pose: it
+        the joint limits. Its force elements, such as springs, and the damping of its joints
+        are not compensated. An arm of fewer than six joints cannot reach every pose: it
         follows the target as far as its joints allow (`NEAR_SINGULAR`).
     end_effector : Frame
         E, a frame of `plant` that every joint moves.

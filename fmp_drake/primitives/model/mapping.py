@@ -25,7 +25,7 @@ class Keypoint:
     channels : sequence of str or int, optional
         Names or indices of the channels; all D where None.
     derivative : int
-        0 for values, 1 for velocities, 2 for accelerations.
+        0 for values, 1 for velocities, 2 for accelerations; at most 4.
     tolerance : float or array_like, shape (C,), optional
         lambda of (13), in squared units of the values; the skill's where None.
 
