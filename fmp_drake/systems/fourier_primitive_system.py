@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array, as_flag, check_number
+from fmp_drake.numeric import Array, as_flag, check_number, check_type
 from fmp_drake.primitives import (
     FourierMovementPrimitive,
     PlaybackState,
@@ -44,6 +44,8 @@ _PUSHED_BLEND_TIME = 0.15
 # values, in widths of the widest channel of its unit; at least up to the distance below.
 _PLAUSIBLE_WIDTHS = 10.0
 _PLAUSIBLE = {"m": 2.0, "rad": 4 * math.pi, "N": 200.0}
+# Longest plan, s.
+_LONGEST_PLAN = 600.0
 # Difference of equal times, relative to them and to 1 s: Drake adds up periods.
 _SAME = 1e-12
 # Time for which the last plausible measurement is used instead of a missing one, s.
@@ -134,7 +136,7 @@ class FourierPrimitiveSystem(LeafSystem):
     push_dwell : float
         Duration of a push before the measured motion is mapped, s.
     plan_seconds : float
-        Length of the plan, s.
+        Length of the plan, s; at most 600.
     choice : CoverageChoice, optional
         Choice of the sample that passes over the most ink until the next re-mapping, at
         the start and after each re-mapping. For skills of 3 position channels in the
@@ -188,8 +190,17 @@ class FourierPrimitiveSystem(LeafSystem):
         self._player = player
         if push_threshold is not None:
             check_number(push_threshold, "push_threshold", above=0, error=SystemsError)
-        for name, value in (("push_dwell", push_dwell), ("plan_seconds", plan_seconds)):
-            check_number(value, name, above=0, unit="s", error=SystemsError)
+        check_number(push_dwell, "push_dwell", above=0, unit="s", error=SystemsError)
+        check_number(
+            plan_seconds,
+            "plan_seconds",
+            above=0,
+            most=_LONGEST_PLAN,
+            unit="s",
+            error=SystemsError,
+        )
+        if choice is not None:
+            check_type(choice, "choice", CoverageChoice, error=SystemsError)
         self._push_threshold = push_threshold
         # The distance of a push is measured over the channels in m, without rotations
         # and forces.

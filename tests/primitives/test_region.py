@@ -102,7 +102,9 @@ def test_range_of_other_channels_does_not_grow_with_rotations():
 
 @pytest.mark.parametrize("margin", [0, -0.1, np.nan, "wide"])
 def test_margin_out_of_range_is_refused(skill, margin):
-    with pytest.raises(SkillError, match=r"margin is .*must be positive"):
+    with pytest.raises(
+        SkillError, match=r"margin is .*must be positive \(or 'automatic', or None"
+    ):
         DemonstratedRegion(skill, margin)
 
 

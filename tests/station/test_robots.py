@@ -469,6 +469,13 @@ def test_misspelled_settings_of_a_robot_and_a_scenario_are_refused():
         AddBoardScene(DiagramBuilder(), scenario, start=[0.0, 0.0, 0.1])
 
 
+def test_a_finalized_plant_takes_no_robot():
+    plant = MultibodyPlant(time_step=0.001)
+    plant.Finalize()
+    with pytest.raises(StationError, match=r"^the plant is finalized; add the robot"):
+        AddRobot(plant, LoadRobot("panda"))
+
+
 def test_a_name_in_place_of_a_robot_or_a_scenario_is_refused_with_the_expected_type():
     with pytest.raises(StationError, match=r"config is 'panda'; .* RobotConfig"):
         AddRobot(MultibodyPlant(time_step=0.001), "panda")

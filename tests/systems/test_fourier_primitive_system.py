@@ -767,6 +767,18 @@ def test_seconds_and_threshold_must_be_positive(small_skill):
                 FourierPrimitiveSystem(small_skill, **{name: value})
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"plan_seconds": 1e9}, r"plan_seconds is 1000000000\.0 s; .* at most 600"),
+        ({"choice": 3}, r"choice is 3; its type must be CoverageChoice"),
+    ],
+)
+def test_an_option_that_cannot_be_used_is_named(small_skill, options, words):
+    with pytest.raises(SystemsError, match=words):
+        FourierPrimitiveSystem(small_skill, **options)
+
+
 # In a diagram ---------------------------------------------------------------
 
 

@@ -68,7 +68,8 @@ class DemonstratedRegion:
     """
 
     def __init__(self, skill: "FourierMovementPrimitive", margin: float) -> None:
-        check_number(margin, "margin", above=0, unit="m")
+        hint = "or 'automatic', or None for no bound"
+        check_number(margin, "margin", above=0, unit="m", hint=hint)
         self._channels = [i for i, unit in enumerate(skill.units_) if unit == "m"]
         if not (skill.paths_ and self._channels):
             raise SkillError(

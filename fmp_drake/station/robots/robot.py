@@ -259,6 +259,10 @@ def AddRobot(
     """
     check_type(config, "config", RobotConfig, error=StationError)
     _CheckRobot(config)
+    if plant.is_finalized():
+        raise StationError(
+            "the plant is finalized; add the robot before plant.Finalize()."
+        )
     parser = Parser(plant)
     packages = parser.package_map()
     hint = (
