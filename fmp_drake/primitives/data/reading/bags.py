@@ -329,8 +329,8 @@ def _numbers(message: Any, prefix: str = "") -> Iterator[tuple[str, float]]:
             yield from zip(joints, map(float, message.position), strict=True)
         return
     pose = getattr(message, "O_T_EE", None)
-    if pose is not None:  # In column-major order.
-        X = np.reshape(pose, (4, 4)).T
+    if pose is not None:  # In column-major order; read-only, unlike a copy.
+        X = np.array(pose).reshape(4, 4).T
         quaternion = Rotation.from_matrix(X[:3, :3]).as_quat()
         yield from zip(_POSE, map(float, [*X[:3, 3], *quaternion]), strict=True)
         # Estimated from the torques of the joints, in the frame of the base.
