@@ -712,6 +712,9 @@ def test_a_quaternion_in_numbered_columns_has_the_stated_order(order, tmp_path):
     turned = rotations_of(found.values[:, 3:], found.rotation_reference)
     assert np.max((turned * files.TURNS.inv()).magnitude()) < 1e-6
     assert f"the quaternion from q0 is read as {', '.join(order)}" in remarks[0]
+    assert "if it is" not in remarks[0]
+    _, remarks = read_demonstrations([path])
+    assert "x, y, z, w; if it is w, x, y, z, add --quaternions wxyz" in remarks[0]
 
 
 def test_named_components_of_a_quaternion_need_no_order(tmp_path):

@@ -269,12 +269,11 @@ class ReadingOptions:
 
     def quaternion_remark(self, name: str) -> str:
         """Return a remark on the order in which unnamed quaternions are read."""
-        order = self.quaternion_order
-        other = "wxyz" if order == "xyzw" else "xyzw"
-        return (
-            f"the quaternion from {name} is read as {', '.join(order)}; if it is "
-            f"{', '.join(other)}, add --quaternions {other}"
-        )
+        order = ", ".join(self.quaternion_order)
+        remark = f"the quaternion from {name} is read as {order}"
+        if self.quaternions is None:
+            remark += "; if it is w, x, y, z, add --quaternions wxyz"
+        return remark
 
     def source(self, channel: str) -> tuple[str, str]:
         """Return the name or number of a channel's column, and its unit or ""."""
