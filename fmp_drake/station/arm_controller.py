@@ -116,7 +116,7 @@ def _AddBoardFrame(
     plant = scene.plant
     joint: Any = plant.GetJointByName("rail", scene.whiteboard)
     axis_W = scene.X_WA.rotation() @ np.array(joint.translation_axis())
-    # X_WA is the assumed pose of the board at time 0.
+    # X_WA is the assumed pose of the board at the start.
     start = scene.X_WA.translation() - joint.get_default_translation() * axis_W
     position = np.vstack([np.zeros((4, 2)), np.outer(axis_W, [1.0, 0.0])])
     rotation = scene.X_WA.rotation().ToQuaternion().wxyz()
@@ -125,10 +125,11 @@ def _AddBoardFrame(
     velocity = MatrixGain(np.vstack([no_rotation, np.outer(axis_W, [0.0, 1.0])]))
     acceleration = MatrixGain(np.vstack([no_rotation[:, :1], axis_W[:, None]]))
     measured = plant.get_state_output_port(scene.whiteboard)
+    planned = scene.rail.GetOutputPort("acceleration")
     for name, system, source in (
         ("task_frame", frame, measured),
         ("task_frame_velocity", velocity, measured),
-        ("task_frame_acceleration", acceleration, scene.rail.get_output_port(2)),
+        ("task_frame_acceleration", acceleration, planned),
     ):
         builder.AddNamedSystem(name, system)
         builder.Connect(source, system.get_input_port())

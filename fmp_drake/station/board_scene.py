@@ -1,6 +1,5 @@
 """Scene of every station: arm, eraser and whiteboard."""
 
-import math
 from copy import copy
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +17,7 @@ from pydrake.multibody.tree import (
     PrismaticJoint,
 )
 from pydrake.systems.framework import DiagramBuilder, System
-from pydrake.systems.primitives import Multiplexer, Sine
+from pydrake.systems.primitives import Multiplexer
 
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import check_type, finite_array
@@ -36,6 +35,7 @@ from fmp_drake.station.robots.stability import CheckStability
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.scenario_parts import BoardConfig, in_one_line
 from fmp_drake.systems.joint_friction import JointFriction
+from fmp_drake.systems.rail_motion import RailMotion
 from fmp_drake.systems.surface.surface import Surface
 
 # Natural frequency of the servo that moves a board, rad/s.
@@ -65,11 +65,11 @@ class BoardScene:
     curvature : Surface
         Of the board.
     X_WB : RigidTransform
-        The board in the world at time 0.
+        The board in the world at the start.
     X_WA : RigidTransform
         The controller's assumption of X_WB.
-    rail : Sine or None
-        Desired motion of a board on a rail: position, velocity, acceleration.
+    rail : RailMotion or None
+        Desired motion of a board on a rail.
 
     Examples
     --------
@@ -91,7 +91,7 @@ class BoardScene:
     curvature: Surface
     X_WB: RigidTransform
     X_WA: RigidTransform
-    rail: Sine | None
+    rail: RailMotion | None
 
 
 BODIES = ("body_poses", "body_spatial_velocities")
@@ -237,22 +237,16 @@ def _AddRail(
     plant: MultibodyPlant,
     whiteboard: ModelInstanceIndex | None,
     scenario: Scenario,
-) -> Sine | None:
+) -> RailMotion | None:
     """Add the desired motion of a board on a rail: systems rail and rail_state."""
     motion = scenario.board.motion
     if whiteboard is None or motion.amplitude == 0:
         return None
-    # It starts at rest, at one end.
-    rail = Sine(
-        amplitude=motion.amplitude,
-        frequency=2 * math.pi * motion.frequency,
-        phase=-math.pi / 2,
-        size=1,
-    )
-    builder.AddNamedSystem("rail", rail)
+    rail = RailMotion(amplitude=motion.amplitude, frequency=motion.frequency)
+    builder.AddSystem(rail)
     state = builder.AddNamedSystem("rail_state", Multiplexer(2))
-    builder.Connect(rail.get_output_port(0), state.get_input_port(0))
-    builder.Connect(rail.get_output_port(1), state.get_input_port(1))
+    for i, name in enumerate(("position", "velocity")):
+        builder.Connect(rail.GetOutputPort(name), state.get_input_port(i))
     builder.Connect(
         state.get_output_port(), plant.get_desired_state_input_port(whiteboard)
     )

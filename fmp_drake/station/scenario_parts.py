@@ -78,7 +78,7 @@ _ANGLE: dict[str, Any] = {"least": -6.3, "most": 6.3, "hint": "in rad, not degre
 
 @dataclass(kw_only=True)
 class BoardMotion:
-    """Oscillation of a board on a rail.
+    """Oscillation of a board on a rail, from rest at one end when a simulation begins.
 
     Attributes
     ----------
@@ -194,7 +194,7 @@ class BoardConfig:
         return axis / np.linalg.norm(axis)
 
     def start_displacement(self) -> RigidTransform:
-        """Return the pose of the board at time 0 from the middle of the rail."""
+        """Return the pose of the board at the start from the middle of the rail."""
         return RigidTransform(-self.motion.amplitude * self.rail_axis())
 
     def curvature(self) -> Surface:

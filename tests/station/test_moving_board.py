@@ -172,6 +172,31 @@ def test_controller_receives_the_motion_of_the_board(moved):
         assert moved.station.HasSubsystemNamed(name)
 
 
+def started(skill, t0):
+    """Return half a second of a run on a moving board that begins at a time."""
+    run = StationRun(MakeWipingStation(LoadScenario("moving_board"), skill), *LOGGED)
+    run.simulator.get_mutable_context().SetTime(t0)
+    return run.advance(t0 + 0.5)
+
+
+def test_run_on_a_sliding_board_begins_at_any_time(restless_skill):
+    expected, run = started(restless_skill, 0.0), started(restless_skill, 5.0)
+    for name in ("measured_position", "desired_position"):
+        difference = run.log(name)[:501] - expected.log(name)[:501]
+        assert np.max(np.abs(difference)) < 1e-6
+    flags = run.log("status")[:, 0].astype(int)
+    assert not np.any(flags & int(StatusFlag.PROTECTIVE_STOP))
+
+
+def test_run_on_a_sliding_board_continues_from_a_clone(restless_skill):
+    run = started(restless_skill, 5.0)
+    clone = run.simulator.get_context().Clone()
+    run.advance(5.7)
+    other = run.from_context(clone).advance(5.7)
+    for name in ("state", "measured_position"):
+        assert_array_equal(other.log(name)[-1], run.log(name)[-1])
+
+
 @pytest.mark.parametrize("name", ["table_top", "wrong_height"])
 def test_fixed_board_needs_no_task_frame(name, restless_skill):
     station = MakeWipingStation(LoadScenario(name), restless_skill)
