@@ -147,7 +147,8 @@ class FourierPrimitiveSystem(LeafSystem):
     soft_start : bool
         Begin with the tempo 0, so that a robot at rest follows the path of the skill
         from the start. It is otherwise off the path by the distance that the skill
-        moves in 0.15 s.
+        moves in 0.15 s. The movement begins at the first event, a multiple of the skill's
+        tick (0.05 s at 20 Hz): up to a tick after the initialisation.
 
     Examples
     --------
