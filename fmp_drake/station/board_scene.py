@@ -117,9 +117,8 @@ def AddBoardScene(
     """Add the plant with arm, eraser and board, the eraser held at a start.
 
     The plant is finalized: bodies of your own belong in the scenario's `tool`, a model file.
-    A builder takes one scene: Drake ends the program (SystemExit) where two systems have one
-    name. Build each scene in a diagram of its own, and add these by
-    ``DiagramBuilder.AddNamedSystem``.
+    A builder takes one simulated scene, because the names of its systems are unique. Build each
+    scene in a diagram of its own, and add these by ``DiagramBuilder.AddNamedSystem``.
 
     Parameters
     ----------
@@ -135,9 +134,16 @@ def AddBoardScene(
     Raises
     ------
     StationError
-        If the scenario has invalid values, or the arm cannot reach the start.
+        If the scenario has invalid values, the arm cannot reach the start, or the builder
+        has a scene.
     """
     check_type(scenario, "scenario", Scenario, error=StationError)
+    for name in ("plant", "scene_graph"):
+        if simulated and builder.HasSubsystemNamed(name):
+            raise StationError(
+                f"the builder already has a system named {name}, as a scene names its own; "
+                "build each scene in a diagram of its own."
+            )
     start = finite_array(start, "start", (3,), error=StationError)
     started = copy(scenario)
     started.start = start.tolist()

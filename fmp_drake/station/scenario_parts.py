@@ -47,7 +47,7 @@ def in_one_line(what: str, hint: str = "") -> Iterator[None]:
     what : str
         Text before the first line of the error.
     hint : str
-        Text after it.
+        Text after an error that is not a `StationError`, which says itself what to do.
     """
     try:
         yield
@@ -62,7 +62,8 @@ def in_one_line(what: str, hint: str = "") -> Iterator[None]:
         yaml.YAMLError,
     ) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        text = f"{reason.rstrip('.')}.{hint}" if hint else reason
+        is_own = isinstance(error, StationError)
+        text = f"{reason.rstrip('.')}.{hint}" if hint and not is_own else reason
         raise StationError(f"{what}: {text}") from None
 
 

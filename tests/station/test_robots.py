@@ -476,6 +476,33 @@ def test_a_finalized_plant_takes_no_robot():
         AddRobot(plant, LoadRobot("panda"))
 
 
+@pytest.mark.parametrize(
+    ("robot", "tool", "name"),
+    [
+        ("panda", None, "panda"),
+        ("iiwa14", None, "eraser"),
+        ("iiwa14", "spoon", "spoon"),
+    ],
+)
+def test_a_second_model_of_one_name_in_a_plant_is_refused_by_its_name(
+    robot, tool, name
+):
+    plant = MultibodyPlant(time_step=0.001)
+    AddRobot(plant, LoadRobot("panda"), tool)
+    with pytest.raises(StationError) as caught:
+        AddRobot(plant, LoadRobot(robot), tool)
+    assert f"the plant already has a model named {name}," in str(caught.value)
+    assert "esh" not in str(caught.value)
+
+
+def test_a_second_scene_in_a_builder_is_refused():
+    builder = DiagramBuilder()
+    AddBoardScene(builder, Scenario(), start=[0.0, 0.0, 0.1])
+    with pytest.raises(StationError, match=r"a system named plant, .* of its own"):
+        AddBoardScene(builder, Scenario(), start=[0.0, 0.0, 0.1])
+    builder.Build()  # It still has what it had.
+
+
 def test_a_name_in_place_of_a_robot_or_a_scenario_is_refused_with_the_expected_type():
     with pytest.raises(StationError, match=r"config is 'panda'; .* RobotConfig"):
         AddRobot(MultibodyPlant(time_step=0.001), "panda")

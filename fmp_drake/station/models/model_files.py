@@ -151,10 +151,16 @@ class Collision(NamedTuple):
 def check_free_name(plant: MultibodyPlant, model: str) -> None:
     """Raise a StationError where a plant already has a model of this name."""
     if plant.HasModelInstanceNamed(model):
-        raise StationError(
-            f"the plant already has a model named {model}, as a station names its own; "
-            "choose another name for yours, such as that of <robot> in a URDF."
-        )
+        raise name_is_taken(model)
+
+
+def name_is_taken(model: str) -> StationError:
+    """Return the error for a second model of a name in a plant."""
+    return StationError(
+        f"the plant already has a model named {model}, and each needs a name of its own "
+        "(a station has an eraser and a whiteboard); choose another name for yours, such "
+        "as that of <robot> in a URDF, or another tool."
+    )
 
 
 def AddModel(

@@ -31,6 +31,7 @@ from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import (
     check_free_name,
     models_dir,
+    name_is_taken,
     warned_once,
 )
 from fmp_drake.station.scenario_parts import (
@@ -307,10 +308,15 @@ def _AddOneModel(parser: Parser, file: str) -> ModelInstanceIndex:
     Raises
     ------
     StationError
-        Where it has several, such as nested ones.
+        Where it has several, such as nested ones, or the plant has one of its name.
     """
-    with warned_once(file):
-        models = parser.AddModels(file)
+    try:
+        with warned_once(file):
+            models = parser.AddModels(file)
+    except RuntimeError as error:
+        if "already contains a model instance named" not in str(error):
+            raise
+        raise name_is_taken(str(error).split("'")[1]) from None
     if len(models) != 1:
         names = ", ".join(map(parser.plant().GetModelInstanceName, models))
         raise StationError(
