@@ -414,7 +414,9 @@ class FourierPrimitiveSystem(LeafSystem):
         return tempo
 
     def _sample_input(self, context: Context) -> bool:
-        return eval_number(self._sample, context, float(self._player.sample)) >= 0.5
+        sample = eval_number(self._sample, context, float(self._player.sample))
+        check_number(sample, f"{self.get_name()}: the sample", error=SystemsError)
+        return sample >= 0.5
 
     # Outputs ------------------------------------------------------------------
 

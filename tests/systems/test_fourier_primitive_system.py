@@ -609,6 +609,13 @@ def test_port_chooses_between_samples_and_means(small_skill, start):
     assert not np.array_equal(run(1.0, False), means)
 
 
+def test_port_that_is_neither_samples_nor_means_is_refused(system, start):
+    context = context_at(system, start)
+    system.GetInputPort("sample").FixValue(context, np.nan)
+    with pytest.raises(SystemsError, match=r"the sample is nan; it must be a finite"):
+        Simulator(system, context).Initialize()
+
+
 # Plan -------------------------------------------------------------------------
 
 

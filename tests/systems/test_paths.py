@@ -165,6 +165,10 @@ def test_paths_that_are_not_points_in_space_are_refused_with_their_shape(meshcat
     recording = Demonstration(time=np.arange(9.0), values=LINE)
     with pytest.raises(SystemsError, match="a path: <Demonstration"):
         draw_demonstrations(meshcat, "demonstrations", [recording])
+    with pytest.raises(SystemsError, match=r"NaN or infinite numbers in a path\."):
+        draw_demonstrations(
+            meshcat, "demonstrations", [np.where(LINE > 0, LINE, np.nan)]
+        )
     with pytest.raises(
         SystemsError, match=r"points of shape \(9, 3\); expected \(8, 3"
     ):

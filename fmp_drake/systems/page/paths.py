@@ -10,7 +10,7 @@ from pydrake.geometry import Meshcat, MeshcatAnimation, Rgba
 
 from fmp_drake.compiled import compiled
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array, as_floats, finite_array
+from fmp_drake.numeric import Array, finite_array
 from fmp_drake.systems.surface import surface as surfaces
 from fmp_drake.systems.surface.surface import PLANE, Surface
 
@@ -224,7 +224,7 @@ def draw_demonstrations(
         draw_line(
             meshcat,
             f"{path}/{i}",
-            as_floats(points, "a path", shape, error=SystemsError),
+            finite_array(points, "a path", shape, error=SystemsError),
             color=DEMONSTRATION_COLOR,
             surface=surface,
         )
