@@ -300,13 +300,18 @@ def _simulate(
         config = run.scenario.simulator
         rate = config.target_realtime_rate or (0.0 if page.headless else 1.0)
     run.simulator.set_target_realtime_rate(rate)
-    end, is_first, choice = play.least_duration, True, None
+    end, written, choice = play.least_duration, None, None
     while True:
         if panel is not None:
             grab = describe_page(run.scenario)["grab"]
             panel.show(summary=[], progress=None, grab=grab)
             if choice is not None:  # It takes the last message off the page.
                 panel.say(choice, level="idle")
+                if files.are_results():
+                    text = (
+                        f"the files hold the first run, which ended at {written:.1f} s"
+                    )
+                    say(console, panel, text)
         times = advance(
             run.simulator,
             end,
@@ -351,9 +356,9 @@ def _simulate(
             run.panel.show(summary=[row for row in rows.items() if row[1] != faults])
             level: Level = "good" if faults == "nothing" else "busy"
             run.panel.say(f"what went wrong: {faults}", level=level)
-        if is_first:
+        if written is None:
             files.write(console, run, metrics, reel=reel, title=title)
-        is_first = False
+            written = seconds
         if panel is None or is_stopped():
             return
         if has_terminal():

@@ -1,5 +1,6 @@
 """Facts about the messages of the page, and about runs with a viewer."""
 
+import json
 import re
 
 import pytest
@@ -91,18 +92,45 @@ def test_run_continues_and_starts_again_by_buttons(command, watched):
     ]
 
 
-def test_finished_page_has_results_and_no_arm_to_drag(command, watched, monkeypatch):
-    shown = []
+@pytest.fixture
+def shown(monkeypatch):
+    """The list of what a page shows, one call after another."""
+    calls = []
 
     def open_and_watch(*arguments, **options):
         panel = open_page(*arguments, **options)
         show = panel.show
         monkeypatch.setattr(
-            panel, "show", lambda **fields: (shown.append(fields), show(**fields))
+            panel, "show", lambda **fields: (calls.append(fields), show(**fields))
         )
         return panel
 
     monkeypatch.setattr(wipe_module, "open_page", open_and_watch)
+    return calls
+
+
+def test_files_of_a_run_that_goes_on_are_said_to_hold_the_first(
+    command, watched, shown, outputs
+):
+    report = outputs / "report.json"
+    watched(0, clicks=["continue", "again"])
+    result = command("wipe", "--target-realtime-rate", 0, "--report", report)
+    note = "the files hold the first run, which ended at 0.2 s"
+    assert result.out.count(note) == 2
+    assert json.loads(report.read_text(encoding="utf-8"))["simulated_seconds"] == 0.2
+    messages = next(f["messages"] for f in reversed(shown) if "messages" in f)
+    texts = [message["text"] for message in messages]
+    assert [text for text in texts if text in ("continue", "again", note)] == [
+        "continue",
+        note,
+        "again",
+        note,
+    ]
+    watched(0, clicks=["again"])
+    assert "files hold" not in command("wipe", "--target-realtime-rate", 0).out
+
+
+def test_finished_page_has_results_and_no_arm_to_drag(command, watched, shown):
     watched(2, clicks=["continue"])
     assert command("wipe", "--target-realtime-rate", 0).code == 0
     grabs = [fields["grab"] for fields in shown if "grab" in fields]
