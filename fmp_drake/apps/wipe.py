@@ -345,14 +345,8 @@ def _simulate(
         print_table(console, rows)
         if run.panel is not None:
             faults = rows["what went wrong"]
-            run.panel.show(
-                mode="finished",
-                level="idle",
-                detail="",
-                time=seconds,
-                rate=1.0,
-                grab="",
-            )
+            run.show_status()
+            run.panel.show(mode="finished", level="idle", detail="", rate=1.0, grab="")
             run.panel.show(summary=[row for row in rows.items() if row[1] != faults])
             level: Level = "good" if faults == "nothing" else "busy"
             run.panel.say(f"what went wrong: {faults}", level=level)

@@ -8,6 +8,7 @@ import pytest
 from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.page import ended_page, make_console, open_page, show_progress
 from fmp_drake.errors import FmpError
+from fmp_drake.runs import MakeRun
 
 
 @pytest.fixture
@@ -140,6 +141,25 @@ def test_finished_page_has_results_and_no_arm_to_drag(command, watched, shown):
     assert "mm rms" in summary["tracking error"]
     assert "demonstrated path" in summary["path deviation"]
     assert "what went wrong" not in summary
+
+
+def test_finished_page_shows_time_and_force_of_one_instant(
+    command, watched, shown, monkeypatch
+):
+    runs = []
+
+    def make_run(*arguments, **options):
+        runs.append(MakeRun(*arguments, **options))
+        return runs[0]
+
+    monkeypatch.setattr(wipe_module, "MakeRun", make_run)
+    watched(0)
+    duration = 1.5  # The panel is updated each 0.128 s.
+    command("wipe", "--target-realtime-rate", 0, "--duration", duration)
+    last = {name: value for fields in shown for name, value in fields.items()}
+    assert (last["mode"], last["time"]) == ("finished", pytest.approx(duration))
+    assert last["force"] > 1.0
+    assert last["force"] == runs[0].output("normal_force")[0]
 
 
 def test_skill_that_is_too_fast_can_be_slowed_down_on_the_page(command, watched):
