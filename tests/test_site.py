@@ -14,6 +14,7 @@ import pytest
 from fmp_drake.apps.commands import app
 from fmp_drake.skills import scenario_skill
 from fmp_drake.station import CheckFeasibility, ParseScenario
+from fmp_drake.systems.panda.arm_status import FAULTS, GateFault, faults_in_words
 
 SITE = Path(__file__).resolve().parents[1] / "examples" / "site"
 PAGES = sorted(SITE.glob("[!g]*.rst")) + sorted(SITE.glob("[ht]*/*.rst"))
@@ -54,6 +55,16 @@ def test_command_is_understood(words):
     assert program == "fmp-drake"
     with click.Context(app) as context:
         app.get_command(context, name).make_context(name, options)
+
+
+def test_faults_of_an_arm_have_the_words_of_the_page():
+    text = (SITE / "real_arm.rst").read_text("utf-8")
+    for fault in GateFault:
+        row = re.search(rf"^{fault.name} +(.+)$", text, flags=re.MULTILINE)[1]
+        assert faults_in_words(fault) == f"{FAULTS[fault]} ({fault.name})"
+        assert row.startswith(FAULTS[fault])
+    both = faults_in_words(GateFault.STALE | GateFault.GAP)
+    assert re.fullmatch(r"no recent status, .*\(STALE\); .* paused: .* \(GAP\)", both)
 
 
 def test_scenarios_are_understood():

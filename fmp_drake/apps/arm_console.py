@@ -16,6 +16,7 @@ from fmp_drake.station.robots.panda_lcm import LoadPanda
 from fmp_drake.systems import GateMode
 from fmp_drake.systems.page.page_panel import PanelFields
 from fmp_drake.systems.page.page_status import mode_in_words
+from fmp_drake.systems.panda.arm_status import faults_in_words
 
 ARM_MODEL: ModelChoice = "mixture"
 """Model of the skills of a real arm, which cannot wait: a re-mapping, including the choice of
@@ -139,7 +140,7 @@ def arm_in_words(run: ArmRun) -> PanelFields:
     if run.scenario.has_board:
         force = fields["force"] = max(float(run.output("normal_force")[0]), 0.0)
         fields["desired_force"] = run.desired_force
-    faults = run.faults.name or ""
+    faults = faults_in_words(run.faults)
     if run.mode is GateMode.OPEN:
         flags = int(run.output("status")[0])
         level, mode, detail = mode_in_words(

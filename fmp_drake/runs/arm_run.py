@@ -21,7 +21,7 @@ from fmp_drake.runs.station_run import StationRun
 from fmp_drake.station import LcmPanda, Scenario
 from fmp_drake.station.robots.panda_lcm import OpenLcm, TorquePublisher
 from fmp_drake.systems import GateMode
-from fmp_drake.systems.panda.arm_status import GateFault
+from fmp_drake.systems.panda.arm_status import GateFault, faults_in_words
 from fmp_drake.systems.panda.gate import EXPIRED_AGE, largest_change, limited_change
 
 # Time for the controller to settle at the start before the gate opens, s.
@@ -235,7 +235,7 @@ class ArmRun(StationRun):
     def events(self) -> list[RunEvent]:
         """Return the events of the run so far, in chronological order."""
         stops = [
-            RunEvent(t, t, "arm stopped", f"arm stopped at {t:.1f} s: {fault.name}")
-            for t, fault in self.stops
+            RunEvent(t, t, "arm stopped", f"arm stopped at {t:.1f} s: {words}")
+            for t, words in ((t, faults_in_words(fault)) for t, fault in self.stops)
         ]
         return sorted([*super().events(), *stops])

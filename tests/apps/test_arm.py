@@ -243,7 +243,7 @@ def test_enter_enables_and_stops_an_arm_and_the_page_reports_it(
     assert messages == [
         ["waiting", enables],
         ["in the air", messages[1][1]],
-        ["stopped", f"STOPPED; {enables} again"],
+        ["stopped", f"the operator pressed Enter (STOPPED); {enables} again"],
     ]
     # Before, the page was empty while the skill was made ready.
     modes = [fields["mode"] for fields in shown_fields if "mode" in fields]

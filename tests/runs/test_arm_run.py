@@ -229,7 +229,7 @@ def test_an_arm_has_the_metrics_and_events_of_a_simulated_run(skill):
     assert metrics["joint_limit_margin_min_rad"] > 0.1
     assert metrics["fault_fraction"] == 0
     assert [event.text for event in loop.run.events()] == [
-        f"arm stopped at {loop.run.stops[0][0]:.1f} s: STOPPED"
+        f"arm stopped at {loop.run.stops[0][0]:.1f} s: the operator pressed Enter (STOPPED)"
     ]
 
 
@@ -279,7 +279,7 @@ def test_a_page_shows_the_measured_arm_and_touches_nothing(skill):
     assert arm_in_words(shown.run)["mode"] == "in the air"
     shown.run.stop()
     shown.advance(50)
-    assert arm_in_words(shown.run)["detail"] == "STOPPED"
+    assert arm_in_words(shown.run)["detail"] == "the operator pressed Enter (STOPPED)"
 
 
 def test_sliders_act_only_where_the_operator_wants_them(skill):

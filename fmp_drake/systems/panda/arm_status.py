@@ -81,6 +81,45 @@ class GateFault(IntFlag):
     OTHER_CONTROLLER = 16384
 
 
+FAULTS = {
+    GateFault.STALE: "no recent status, or the clocks of the two computers differ",
+    GateFault.OUT_OF_ORDER: "a status is older than the previous one: the network reorders "
+    "messages",
+    GateFault.CORRUPT: "a message that is not a status of seven joints: another program "
+    "uses the channel",
+    GateFault.NOT_FINITE: "a status with NaN, or with impossibly large numbers",
+    GateFault.WRONG_MODE: "the robot is idle, guided by hand, stopped by its button, in "
+    "reflex, or not in torque control",
+    GateFault.OUT_OF_RANGE: "a joint is outside its range: another arm's model, or a wrong "
+    "message",
+    GateFault.TOO_FAST: "a joint is above its speed limit",
+    GateFault.JUMP: "a joint moved farther than its speed limit allows",
+    GateFault.INCONSISTENT: "positions that do not follow from the velocities, or two "
+    "states at one time",
+    GateFault.FROZEN: "the same state to the last bit while it has a velocity or the torque "
+    "changes",
+    GateFault.OTHER_CONTROLLER: "another program sends commands on the channel: end it",
+    GateFault.GAP: "this program was paused: the computer is busy",
+    GateFault.CLOCK: "the clock ran backwards",
+    GateFault.NO_TORQUE: "the controller's torque was NaN: please report it",
+    GateFault.STOPPED: "the operator pressed Enter",
+}
+"""Words for the reasons of a stop, as in the manual."""
+
+
+def faults_in_words(faults: GateFault) -> str:
+    """Describe the reasons of a stop, each with its code.
+
+    Examples
+    --------
+    >>> faults_in_words(GateFault.GAP | GateFault.CLOCK)
+    'this program was paused: the computer is busy (GAP); the clock ran backwards (CLOCK)'
+    """
+    return "; ".join(
+        f"{text} ({fault.name})" for fault, text in FAULTS.items() if fault in faults
+    )
+
+
 class ArmReading(NamedTuple):
     """Decoded status of the arm.
 
