@@ -18,6 +18,7 @@ from typing import Any
 
 import numba
 from numba.core import event
+from numba.core.caching import FunctionCache
 
 logger = logging.getLogger("fmp_drake")
 
@@ -47,26 +48,48 @@ function_counts: Counter[Path] = Counter()
 """Number of compiled functions in each folder."""
 
 
+class _OptionalCache(FunctionCache):
+    """Cache of a compiled function that may be lost, as on a full disk."""
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store a compiled function where that is possible."""
+        try:
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+        except OSError as error:
+            _warn_of_loss(error.strerror or str(error))
+
+
+@cache
+def _warn_of_loss(reason: str) -> None:
+    """Log once that the next process compiles again."""
+    logger.warning(
+        "compiled code is lost after this run (%s); NUMBA_CACHE_DIR names another folder",
+        reason,
+    )
+
+
 def compiled[F: Callable[..., Any]](function: F) -> F:
     """Compile, at its first call, a function of arrays, numbers and named tuples.
 
     Its cache is beside the module. Where that folder is read-only, it is in the user's
-    cache folder, or else in a temporary folder that is deleted with the process. The
-    function may call compiled functions of the same folder only: the cache is
-    invalidated by folder.
+    cache folder, or else in a temporary folder that is deleted with the process. On a
+    full disk nothing is stored. The function may call compiled functions of the same
+    folder only: the cache is invalidated by folder.
     """
     folder = Path(inspect.getfile(function)).parent
     function_counts[folder] += 1
-    compile_later = numba.njit(cache=True, **_OPTIONS)
+    dispatcher: Any = numba.njit(**_OPTIONS)(function)
+    cache_of: Any = _OptionalCache
     try:
-        dispatcher: Any = compile_later(function)
+        dispatcher._cache = cache_of(function)
     except RuntimeError:
         # numba refuses to compile without a place for its cache.
         cache_dir = tempfile.mkdtemp(prefix="fmp_drake_")
         atexit.register(shutil.rmtree, cache_dir, ignore_errors=True)
         numba.config.CACHE_DIR = cache_dir  # type: ignore[attr-defined]
-        return compile_later(function)
-    _forget_outdated(folder, Path(dispatcher.stats.cache_path))
+        dispatcher._cache = cache_of(function)
+    else:
+        _forget_outdated(folder, Path(dispatcher.stats.cache_path))
     return dispatcher
 
 

@@ -27,6 +27,16 @@ def refuse(*arguments, dir=None, **keywords):
 tempfile.TemporaryFile = refuse
 """
 
+# The disk is full: files can be made, and nothing can be written into them.
+FULL = """
+from numba.core.caching import IndexDataCacheFile
+
+def fail(*arguments):
+    raise OSError(28, "No space left on device")
+
+IndexDataCacheFile._save_index = fail
+"""
+
 USE = """
 import logging, sys
 logging.basicConfig(level=logging.INFO)
@@ -107,6 +117,17 @@ def test_it_works_where_neither_the_package_nor_the_home_can_be_written():
     assert float(value) == decayed_offset(np.ones((2, 3)), 0.4, 0.1)[0, 0]
     # Nothing was cached, so the compilation is announced, once.
     assert done.stderr.count("compiling") == 1
+
+
+def test_it_works_and_says_why_nothing_is_cached_where_the_disk_is_full(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    done = run(FULL + USE)
+    value = done.stdout.split()[0]
+    assert float(value) == decayed_offset(np.ones((2, 3)), 0.4, 0.1)[0, 0]
+    assert done.stderr.count("lost after this run (No space left on device)") == 1
+    assert not [*tmp_path.rglob("*.nbc")]
 
 
 def test_nothing_is_announced_where_the_cache_holds_it():

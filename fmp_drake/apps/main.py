@@ -67,10 +67,23 @@ def _run(arguments: Sequence[str] | None) -> tuple[str, int]:
         return terminal.MESSAGE, 130
     except OSError as error:
         reason = f"{error.filename or ''}: {error.strerror or error}".lstrip(": ")
-        if error.errno in (errno.ENOSPC, errno.EFBIG) and not error.filename:
-            reason += f" (temporary files are in {tempfile.gettempdir()})"
+        if not error.filename:
+            reason += _place_hint(error)
         return f"fmp-drake: {reason}", 2
     return "", 0
+
+
+def _place_hint(error: OSError) -> str:
+    """Return a hint for an error that names no file."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return " (the current folder was deleted)"
+    if error.errno not in (errno.ENOSPC, errno.EFBIG, errno.EDQUOT):
+        return ""
+    with suppress(OSError):  # A full disk has no folder for temporary files.
+        return f" (temporary files are in {tempfile.gettempdir()})"
+    return ""
 
 
 def _scenario_hint(error: "click.ClickException") -> str:

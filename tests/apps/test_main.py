@@ -262,6 +262,20 @@ def test_full_disk_ends_without_a_traceback(refused, monkeypatch):
     assert refused("wipe") == "fmp-drake: report.json: No space left on device\n"
 
 
+def test_full_disk_without_a_folder_for_temporary_files_ends_without_a_traceback(
+    refused, monkeypatch
+):
+    def full(**_):
+        raise OSError(28, "No space left on device")
+
+    def no_folder():
+        raise FileNotFoundError(2, "No usable temporary directory found")
+
+    monkeypatch.setattr(commands.app, "main", full)
+    monkeypatch.setattr("tempfile.gettempdir", no_folder)
+    assert refused("wipe") == "fmp-drake: No space left on device\n"
+
+
 # The installed script, in a process of its own.
 
 
@@ -281,6 +295,23 @@ def script(tmp_path):
         )
 
     return run
+
+
+def test_deleted_current_folder_is_named(tmp_path):
+    folder = tmp_path / "deleted"
+    folder.mkdir()
+    done = subprocess.run(
+        ["sh", "-c", 'rmdir "$PWD" && exec "$0" inspect a.npz', SCRIPT],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == (
+        "fmp-drake: No such file or directory (the current folder was deleted)\n"
+    )
 
 
 def test_installed_script_wipes(script, tmp_path):
