@@ -211,7 +211,7 @@ class ClusterWorkers:
             from distributed import Client
         except ImportError:
             raise ExperimentError(
-                "a cluster needs the extra: pip install fmp-drake[cluster]."
+                "a cluster needs the extra: pip install 'fmp-drake[cluster]'."
             ) from None
         if not re.fullmatch(r"((tcp|tls|ws|wss|ucx)://)?[^/]+:\d+", address):
             raise ExperimentError(

@@ -171,5 +171,5 @@ def test_cluster_that_is_not_there_is_named():
 
 def test_without_dask_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ExperimentError, match=r"fmp-drake\[cluster\]"):
+    with pytest.raises(ExperimentError, match=r"pip install 'fmp-drake\[cluster\]'"):
         ClusterWorkers("tcp://127.0.0.1:8786")

@@ -845,7 +845,7 @@ def test_parquet_without_pyarrow_is_refused(make_store, refused, outputs, monkey
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     store = make_store(passed)
     line = refused("worlds", store.folder, "--parquet", outputs / "w.parquet")
-    assert "fmp-drake[parquet]" in line
+    assert "pip install 'fmp-drake[parquet]'" in line
 
 
 @pytest.mark.parametrize(

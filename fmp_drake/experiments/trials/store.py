@@ -35,7 +35,7 @@ def check_parquet() -> None:
     """Raise an ExperimentError where pyarrow is not installed."""
     if importlib.util.find_spec("pyarrow") is None:
         raise ExperimentError(
-            "Parquet files need pyarrow: pip install fmp-drake[parquet]."
+            "Parquet files need pyarrow: pip install 'fmp-drake[parquet]'."
         )
 
 
