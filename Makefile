@@ -40,11 +40,13 @@ $(DOCS): $(STAMP)
 	    --constraint constraints.txt --editable '.[docs]'
 	@touch $(DOCS)
 
+# Scripts such as $(BIN)/fmp-drake name the folder in which they were installed, which may have
+# been moved or copied.
 wipe: $(STAMP)
-	@$(BIN)/fmp-drake wipe $(ARGS)
+	@$(BIN)/python -m fmp_drake wipe $(ARGS)
 
 teach: $(STAMP)
-	@$(BIN)/fmp-drake teach $(ARGS)
+	@$(BIN)/python -m fmp_drake teach $(ARGS)
 
 # Rewritten assertions are kept: rewriting them takes each process six seconds.
 test: export PYTHONDONTWRITEBYTECODE :=
@@ -59,7 +61,7 @@ test-quick: test
 lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/mypy
+	$(BIN)/python -m mypy
 	$(BIN)/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
 	$(BIN)/check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
 

@@ -1,6 +1,7 @@
 """Facts about the built wheel, used outside the checkout."""
 
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -127,3 +128,24 @@ def test_wheel_installs_the_script(wheel):
     with zipfile.ZipFile(wheel) as archive:
         entries = archive.read(f"{about}/entry_points.txt").decode()
     assert "fmp-drake = fmp_drake.apps.main:main" in entries
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+@pytest.mark.parametrize("command", ["wipe", "teach"])
+def test_make_runs_a_checkout_that_was_moved_with_its_environment(tmp_path, command):
+    # The installed script fmp-drake names the folder in which it was installed.
+    python = tmp_path / ".venv" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text('#!/bin/sh\necho "$@"\n')
+    python.chmod(0o755)
+    for name in ("Makefile", "pyproject.toml", "constraints.txt", ".python-version"):
+        (tmp_path / name).write_bytes((REPOSITORY / name).read_bytes())
+    (tmp_path / ".venv" / ".installed").touch()
+    done = subprocess.run(
+        ["make", command, "ARGS=--seed 3"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == f"-m fmp_drake {command} --seed 3"
