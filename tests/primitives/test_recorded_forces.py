@@ -46,8 +46,14 @@ def test_the_force_of_a_bag_is_interpolated_at_the_times_of_its_pose(ros, tmp_pa
     assert found.units[3:9] == ("N",) * 3 + ("Nm",) * 3
 
 
-@pytest.mark.parametrize("topic", ["", "/pose,/ft"])
-@pytest.mark.parametrize("pose", [files.pose_alone, files.pose_stamped])
+@pytest.mark.parametrize(
+    ("pose", "topic"),
+    [
+        (files.pose_alone, ""),
+        (files.pose_alone, "/pose,/ft"),
+        (files.pose_stamped, "/pose,/ft"),
+    ],
+)
 def test_messages_without_a_header_are_read_at_their_times_of_receipt(
     pose, topic, tmp_path
 ):
@@ -58,6 +64,20 @@ def test_messages_without_a_header_are_read_at_their_times_of_receipt(
     assert "/pose, times of receipt" in remark
     assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
     assert_allclose(forces(found), files.FORCE, atol=1e-9)
+
+
+def test_a_force_without_a_header_does_not_replace_the_stamps_of_a_pose(tmp_path):
+    """At a third of the speed, as its bag was played."""
+    pytest.importorskip("rosbags")
+    topics = {
+        "/pose": lambda k: files.pose_stamped(2, k),
+        "/ft": lambda k: files.wrench_alone(2, k),
+    }
+    files.bag(tmp_path / "d", topics, storage="MCAP", slowness=3)
+    (found,), (remark,) = read_demonstrations([tmp_path / "d"])
+    assert "/pose, header stamps; /ft not read: to add this force, give" in remark
+    assert "--topic /pose,/ft" in remark
+    assert_allclose(found.time, files.TIME, atol=1e-9)
 
 
 def test_a_force_with_a_header_is_read_before_one_without(tmp_path):

@@ -84,7 +84,8 @@ def read_bag(path: Path, options: ReadingOptions) -> list[Table]:
         Its topic is read; "" for the only topic with the position of a robot. A topic of
         transforms is followed by one of their child frames: ``/tf:tool``. Other topics may
         follow after commas, and are interpolated at its times: ``/tf:tool,/wrench``. Without
-        these, the only topic of a force is added to a position.
+        these, the only topic of a force is added to a position, unless only the position has
+        header stamps.
 
     Raises
     ------
@@ -190,16 +191,21 @@ def _messages(path: Path, reader: Any, source: str, child: str) -> _Topic:
 
 
 def _wrenches(main: _Topic, connections: Any) -> tuple[list[str], list[str]]:
-    """Return the topic of forces to be read beside a pose, if it is the only one; remarks."""
+    """Return the topic of forces to be read beside a pose, if it is the only one; remarks.
+
+    A force without a header is not, where the pose would lose its header stamps.
+    """
     filled = [c for c in connections if c.msgcount]
     kind = next((k for k in _WRENCHES if any(c.msgtype == k for c in filled)), "")
     counts = {c.topic: c.msgcount for c in filled if c.msgtype == kind}
     found = sorted(counts)
     is_small = sum(counts.values()) <= _MOST_MESSAGES
-    if len(found) == 1 and is_small and _FORCE[0] not in main.names:
+    keeps_times = kind == _WRENCHES[0] or not main.is_stamped
+    if len(found) == 1 and is_small and keeps_times and _FORCE[0] not in main.names:
         return found, []
     option = f"--topic {main.source},{found[0]}" if found else ""
-    remark = f"{', '.join(found)} not read: to add one of these forces, give {option}"
+    added = "this force" if len(found) == 1 else "one of these forces"
+    remark = f"{', '.join(found)} not read: to add {added}, give {option}"
     return [], [remark] * bool(found)
 
 
