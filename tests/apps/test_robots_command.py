@@ -97,6 +97,29 @@ def test_a_joint_that_is_too_light_is_named_with_the_key_that_mends_it(
     assert "reflected_inertia: [0.1]" in result.out
 
 
+def test_a_joint_whose_limits_are_too_near_is_named_before_a_run(
+    command, refused, tmp_path
+):
+    """`robots` named the next command, and `check` said that the arm can follow."""
+    folder = models_dir() / "ur5e"
+    urdf, count = re.subn(
+        r'lower="[^"]*" upper="[^"]*"(?=[^<]*</joint>\s*<joint name="ur5e_joint6")',
+        'lower="-1.65" upper="-1.5"',
+        (folder / "ur5e.urdf").read_text(),
+    )
+    assert count == 1
+    (tmp_path / "ur5e.urdf").write_text(urdf)
+    file = tmp_path / "ur5e.yaml"
+    file.write_text((folder / "ur5e.yaml").read_text())
+    words = (
+        "ur5e_joint5 has the limits -1.65 and -1.5 rad; they must be more than 0.2 rad"
+    )
+    result = command("robots", file)
+    assert words in result.out
+    assert "next:" not in result.out
+    assert words in refused("check", "--robot", file)
+
+
 def test_an_unknown_robot_is_refused_with_the_known_ones(refused):
     assert "iiwa14, panda, ur5e" in refused("check", "--robot", "billiards")
 

@@ -12,7 +12,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array
 from fmp_drake.station.robots.robot import Robot
 from fmp_drake.systems import ImpedanceConfig
-from fmp_drake.systems.interface.arm_model import joint_limits
+from fmp_drake.systems.interface.arm_model import check_limits, joint_limits
 
 # Greatest delay, relative to the one at which the springs are unstable. Runs of the Panda, the
 # iiwa and the UR5e pressed as without a delay up to 0.6, and ended in stops from 1.0, 0.73 and
@@ -85,7 +85,7 @@ def CheckStability(
     The springs at the joint limits and those of the tool make a light joint oscillate with
     a growing amplitude, see `stability_ratio`. A model without the inertia of its motors
     has such joints in its wrist. A long delay does the same to the arm, see
-    `stability_limit`.
+    `stability_limit`, and so do the springs at two limits that are too near to each other.
 
     Parameters
     ----------
@@ -100,6 +100,8 @@ def CheckStability(
     StationError
         With the lightest joint and the reflected inertia that is sufficient, or with the
         longest delay.
+    SystemsError
+        With the joint whose springs meet.
 
     Examples
     --------
@@ -107,6 +109,7 @@ def CheckStability(
     >>> CheckStability(MakeRobotModel(LoadRobot("panda")), ImpedanceConfig())
     """
     plant = robot.plant
+    check_limits(plant, config.walls.width)
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, np.array(robot.config.posture))
     M = plant.CalcMassMatrix(context)
