@@ -5,6 +5,8 @@ from itertools import count
 from math import inf
 from pathlib import Path
 
+from rich.console import Console
+
 from fmp_drake.apps.arm_console import (
     ARM_MODEL,
     arm_config,
@@ -19,16 +21,24 @@ from fmp_drake.apps.options import (
     host_option,
     option,
 )
-from fmp_drake.apps.page import ended_page, make_console, open_page, show_preparation
+from fmp_drake.apps.page import (
+    ended_page,
+    make_console,
+    open_page,
+    say,
+    show_preparation,
+)
 from fmp_drake.apps.terminal import has_terminal
-from fmp_drake.errors import FmpError, StationError
+from fmp_drake.errors import FmpError, RunError, StationError
 from fmp_drake.primitives import save_skill
 from fmp_drake.primitives.data.files import check_writable, keep_earlier_files
 from fmp_drake.runs import ArmRun, TeachingSession
+from fmp_drake.runs.real_time import ignored_signals
 from fmp_drake.runs.teach_page import TeachPage
 from fmp_drake.runs.teaching_session import check_names
 from fmp_drake.skills import learn_skill
 from fmp_drake.station import CheckFeasibility, MouseOnPage, WarmUp
+from fmp_drake.systems import PagePanel
 
 # Simulated time between two polls of the buttons, and between two updates of the panel, s.
 _STEP, _UPDATE_PERIOD = 0.1, 1.0
@@ -115,7 +125,15 @@ def teach(to: TeachOptions) -> None:
                 elif step % round(_UPDATE_PERIOD / _STEP) == 0:
                     page.show(session)
         finally:
-            # Nobody can teach it again in the same way.
-            session.press("save")
-            if session.is_done:
-                console.print(f"save: {session.remark}")
+            _save_rest(console, panel, session)
+
+
+def _save_rest(console: Console, panel: PagePanel, session: TeachingSession) -> None:
+    """Save what was not saved: nobody can teach it again in the same way."""
+    if session.skill is None and not session.demonstrations:
+        return
+    with ignored_signals():
+        session.press("save")
+    say(console, panel, f"save: {session.remark}")
+    if not session.is_done:
+        raise RunError("what was taught is not saved.")

@@ -1,5 +1,7 @@
 """Facts about `fmp-drake teach`, and its page in a browser."""
 
+import os
+import signal
 import time
 
 import numpy as np
@@ -9,6 +11,7 @@ from browser import CTRL, SHIFT, Page, needs_chromium
 
 from fmp_drake.apps.page import open_page
 from fmp_drake.primitives import Demonstration, load_skill
+from fmp_drake.primitives.data.files import keep_earlier_files
 from fmp_drake.runs import TeachingSession
 from fmp_drake.runs.teach_page import TeachPage
 from fmp_drake.station import LoadScenario, MouseOnPage, SimulatedHand
@@ -27,6 +30,11 @@ MIDDLE = """(() => {
 DRAW = "viewer.renderer.render = viewer.renderer.kept; viewer.set_dirty();"
 
 
+def eight(_meshcat):
+    """Return a hand that shows an 8, in place of the mouse."""
+    return SimulatedHand(HandMotion.make("eight", duration=20.0, seed=0))
+
+
 @pytest.mark.slow
 def test_page_opens_and_its_address_is_printed(command, outputs):
     result = command(
@@ -43,20 +51,73 @@ def test_page_opens_and_its_address_is_printed(command, outputs):
 def test_what_was_taught_is_saved_at_the_end(
     command, outputs, monkeypatch, is_interrupted
 ):
-    def hand(_):
-        return SimulatedHand(HandMotion.make("eight", duration=20.0, seed=0))
-
     def interrupt(_, session):
         if is_interrupted and session.simulator.get_context().get_time() > 2.5:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("fmp_drake.apps.teach.MouseOnPage", hand)
+    monkeypatch.setattr("fmp_drake.apps.teach.MouseOnPage", eight)
     monkeypatch.setattr(TeachPage, "press_clicked_button", interrupt)
     options = ("--out", outputs / "a.npz", "--skill", outputs / "b.npz")
     result = command("teach", "--duration", 3.0, *options)
     assert result.code == (130 if is_interrupted else 0)
     assert "save: wrote a.npz" in result.out
     assert [path.name for path in outputs.iterdir()] == ["a.npz"]
+    assert Demonstration.load(outputs / "a.npz").duration > 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_interrupted", [False, True])
+def test_what_cannot_be_saved_at_the_end_is_reported(
+    command, outputs, monkeypatch, is_interrupted
+):
+    """It was lost without a word, with exit code 0 after a duration."""
+    panels, folder = [], outputs / "folder"
+    folder.mkdir()
+
+    def open_and_keep(*arguments, **options):
+        panels.append(open_page(*arguments, **options))
+        return panels[-1]
+
+    def interrupt(_, session):
+        if session.simulator.get_context().get_time() > 2.5:
+            if folder.exists():
+                folder.rmdir()
+            if is_interrupted:
+                os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr("fmp_drake.apps.teach.open_page", open_and_keep)
+    monkeypatch.setattr("fmp_drake.apps.teach.MouseOnPage", eight)
+    monkeypatch.setattr(TeachPage, "press_clicked_button", interrupt)
+    options = ("--out", folder / "a.npz", "--skill", outputs / "b.npz")
+    result = command("teach", "--duration", 3.0, *options)
+    assert result.code == (130 if is_interrupted else 2)
+    assert f"save: cannot write {folder / 'a.npz'}" in result.out
+    assert panels[0].shown["messages"][-1]["text"] in result.out
+    if not is_interrupted:
+        assert result.err == "fmp-drake: what was taught is not saved.\n"
+
+
+@pytest.mark.slow
+def test_a_second_interrupt_does_not_end_the_saving(command, outputs, monkeypatch):
+    """Earlier files were renamed, and no new ones written."""
+
+    def interrupt(_, session):
+        if session.simulator.get_context().get_time() > 2.5:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def interrupt_again(*paths):
+        os.kill(os.getpid(), signal.SIGINT)
+        return keep_earlier_files(*paths)
+
+    monkeypatch.setattr("fmp_drake.apps.teach.MouseOnPage", eight)
+    monkeypatch.setattr(TeachPage, "press_clicked_button", interrupt)
+    place = "fmp_drake.runs.teaching_session.keep_earlier_files"
+    monkeypatch.setattr(place, interrupt_again)
+    (outputs / "a.npz").write_text("")
+    options = ("--out", outputs / "a.npz", "--skill", outputs / "b.npz")
+    result = command("teach", *options)
+    assert result.code == 130
+    assert "save: wrote a.npz; the earlier files are a.1.npz now" in result.out
     assert Demonstration.load(outputs / "a.npz").duration > 1.0
 
 
