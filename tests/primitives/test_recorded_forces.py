@@ -66,6 +66,30 @@ def test_messages_without_a_header_are_read_at_their_times_of_receipt(
     assert_allclose(forces(found), files.FORCE, atol=1e-9)
 
 
+def with_covariance(ros, k):
+    types, pose = files.typestore(ros).types, files.pose_stamped(ros, k)
+    return types["geometry_msgs/msg/PoseWithCovarianceStamped"](
+        header=pose.header,
+        pose=types["geometry_msgs/msg/PoseWithCovariance"](
+            pose=pose.pose, covariance=np.zeros(36)
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "clock"),
+    [
+        (with_covariance, "header stamps"),
+        (lambda ros, k: files.transform_stamped(ros, k).transform, "times of receipt"),
+        (lambda ros, k: files.pose_alone(ros, k).position, "times of receipt"),
+    ],
+)
+def test_the_only_topic_of_a_position_needs_no_name(make, clock, tmp_path):
+    found, remark = bag_of(tmp_path, make=make)
+    assert f"/pose, {clock}" in remark
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
+
+
 def test_a_force_without_a_header_does_not_replace_the_stamps_of_a_pose(tmp_path):
     """At a third of the speed, as its bag was played."""
     pytest.importorskip("rosbags")
