@@ -72,13 +72,16 @@ def told(panel):
         connection.close()
 
 
+class Viewed:
+    """A Meshcat with a number of browsers."""
+
+    viewers = 0
+
+    def GetNumActiveConnections(self):
+        return self.viewers
+
+
 def test_page_counts_as_open_while_a_browser_may_reload_it(panel, monkeypatch):
-    class Viewed:
-        viewers = 0
-
-        def GetNumActiveConnections(self):
-            return self.viewers
-
     now = 100.0
     monkeypatch.setattr(time, "monotonic", lambda: now)
     panel.meshcat = Viewed()
@@ -86,6 +89,21 @@ def test_page_counts_as_open_while_a_browser_may_reload_it(panel, monkeypatch):
     panel.meshcat.viewers = 1
     assert panel.is_open()
     panel.meshcat.viewers, now = 0, 109.0
+    assert panel.is_open()
+    now = 111.0
+    assert not panel.is_open()
+
+
+def test_page_of_a_run_may_be_reloaded_when_it_is_first_asked_for(panel, monkeypatch):
+    """As at 60 s, the default duration: until then the run only shows its state."""
+
+    now = 100.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    panel.meshcat = Viewed()
+    panel.meshcat.viewers = 1
+    panel.show(time=59.9)
+    panel.meshcat.viewers, now = 0, 109.0
+    panel.show(time=60.0)
     assert panel.is_open()
     now = 111.0
     assert not panel.is_open()

@@ -241,6 +241,7 @@ class PagePanel:
 
     def show(self, **fields: Unpack[PanelFields]) -> None:
         """Show these fields from now on; the others stay as they are."""
+        self._look_for_browsers()
         self.shown = {**self.shown, **fields}
         # Where the server is too slow to read it, the next message has all fields. What was
         # written in part is completed first.
@@ -260,12 +261,14 @@ class PagePanel:
     def is_open(self) -> bool:
         """Return whether a browser shows the page, or may be reloading it.
 
-        A page counts as open for 10 s after the last call that found it connected.
+        A page counts as open for 10 s after a call, or new fields, that found it connected.
         """
-        now = time.monotonic()
+        self._look_for_browsers()
+        return time.monotonic() - self._last_seen < _RELOAD_TIME
+
+    def _look_for_browsers(self) -> None:
         if self.meshcat.GetNumActiveConnections() > 0:
-            self._last_seen = now
-        return now - self._last_seen < _RELOAD_TIME
+            self._last_seen = time.monotonic()
 
     def close(self) -> None:
         """End the page; open browsers keep their content."""
