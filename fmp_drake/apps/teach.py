@@ -129,8 +129,11 @@ def teach(to: TeachOptions) -> None:
 
 
 def _save_rest(console: Console, panel: PagePanel, session: TeachingSession) -> None:
-    """Save what was not saved: nobody can teach it again in the same way."""
-    if session.skill is None and not session.demonstrations:
+    """Save what was not saved: nobody can teach it again in the same way.
+
+    Less than a window of a movement, such as an accidental drag, is not worth a file.
+    """
+    if session.skill is None and session.progress < 0.5:
         return
     with ignored_signals():
         session.press("save")

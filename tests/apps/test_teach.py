@@ -46,10 +46,29 @@ def test_page_opens_and_its_address_is_printed(command, outputs):
     assert list(outputs.iterdir()) == []
 
 
+@pytest.fixture
+def short_windows(tmp_path):
+    """A scenario with windows that are shown in a second."""
+    path = tmp_path / "short.yaml"
+    path.write_text("skill: {window: 1.0}")
+    return "--scenario", path
+
+
+@pytest.mark.slow
+def test_an_accidental_drag_is_not_saved_at_the_end(command, outputs, monkeypatch):
+    monkeypatch.setattr("fmp_drake.apps.teach.MouseOnPage", eight)
+    options = ("--out", outputs / "a.npz", "--skill", outputs / "b.npz")
+    (outputs / "a.npz").write_text("earlier")
+    result = command("teach", "--duration", 2.0, *options)
+    assert (result.code, "save:" in result.out) == (0, False)
+    assert [path.name for path in outputs.iterdir()] == ["a.npz"]
+    assert (outputs / "a.npz").read_text() == "earlier"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("is_interrupted", [False, True])
 def test_what_was_taught_is_saved_at_the_end(
-    command, outputs, monkeypatch, is_interrupted
+    command, outputs, monkeypatch, short_windows, is_interrupted
 ):
     def interrupt(_, session):
         if is_interrupted and session.simulator.get_context().get_time() > 2.5:
@@ -58,7 +77,7 @@ def test_what_was_taught_is_saved_at_the_end(
     monkeypatch.setattr("fmp_drake.apps.teach.MouseOnPage", eight)
     monkeypatch.setattr(TeachPage, "press_clicked_button", interrupt)
     options = ("--out", outputs / "a.npz", "--skill", outputs / "b.npz")
-    result = command("teach", "--duration", 3.0, *options)
+    result = command("teach", "--duration", 3.0, *short_windows, *options)
     assert result.code == (130 if is_interrupted else 0)
     assert "save: wrote a.npz" in result.out
     assert [path.name for path in outputs.iterdir()] == ["a.npz"]
@@ -68,7 +87,7 @@ def test_what_was_taught_is_saved_at_the_end(
 @pytest.mark.slow
 @pytest.mark.parametrize("is_interrupted", [False, True])
 def test_what_cannot_be_saved_at_the_end_is_reported(
-    command, outputs, monkeypatch, is_interrupted
+    command, outputs, monkeypatch, short_windows, is_interrupted
 ):
     """It was lost without a word, with exit code 0 after a duration."""
     panels, folder = [], outputs / "folder"
@@ -89,7 +108,7 @@ def test_what_cannot_be_saved_at_the_end_is_reported(
     monkeypatch.setattr("fmp_drake.apps.teach.MouseOnPage", eight)
     monkeypatch.setattr(TeachPage, "press_clicked_button", interrupt)
     options = ("--out", folder / "a.npz", "--skill", outputs / "b.npz")
-    result = command("teach", "--duration", 3.0, *options)
+    result = command("teach", "--duration", 3.0, *short_windows, *options)
     assert result.code == (130 if is_interrupted else 2)
     assert f"save: cannot write {folder / 'a.npz'}" in result.out
     assert panels[0].shown["messages"][-1]["text"] in result.out
@@ -98,7 +117,9 @@ def test_what_cannot_be_saved_at_the_end_is_reported(
 
 
 @pytest.mark.slow
-def test_a_second_interrupt_does_not_end_the_saving(command, outputs, monkeypatch):
+def test_a_second_interrupt_does_not_end_the_saving(
+    command, outputs, monkeypatch, short_windows
+):
     """Earlier files were renamed, and no new ones written."""
 
     def interrupt(_, session):
@@ -115,7 +136,7 @@ def test_a_second_interrupt_does_not_end_the_saving(command, outputs, monkeypatc
     monkeypatch.setattr(place, interrupt_again)
     (outputs / "a.npz").write_text("")
     options = ("--out", outputs / "a.npz", "--skill", outputs / "b.npz")
-    result = command("teach", *options)
+    result = command("teach", *short_windows, *options)
     assert result.code == 130
     assert "save: wrote a.npz; the earlier files are a.1.npz now" in result.out
     assert Demonstration.load(outputs / "a.npz").duration > 1.0
