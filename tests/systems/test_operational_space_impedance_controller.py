@@ -17,7 +17,11 @@ from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForce,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import JacobianWrtVariable, SpatialInertia
+from pydrake.multibody.tree import (
+    JacobianWrtVariable,
+    PrismaticJoint,
+    SpatialInertia,
+)
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.controllers import InverseDynamics
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
@@ -43,7 +47,11 @@ from fmp_drake.systems.impedance.joints import (
 from fmp_drake.systems.impedance.law import ArmDynamics, impedance_law
 from fmp_drake.systems.impedance.records import values_of
 from fmp_drake.systems.impedance.step import impedance_step
-from fmp_drake.systems.interface.arm_model import ArmModel, checked_posture
+from fmp_drake.systems.interface.arm_model import (
+    ArmModel,
+    check_limits,
+    checked_posture,
+)
 from fmp_drake.systems.operational_space_impedance_controller import (
     OperationalSpaceImpedanceController,
 )
@@ -475,6 +483,26 @@ def test_a_joint_whose_range_the_limit_springs_fill_is_refused(limits, words):
     if upper > lower:
         walls = JointWallConfig(width=0.05)
         make_planar(plant, config=ImpedanceConfig(walls=walls))
+
+
+def test_limits_of_a_prismatic_joint_are_in_metres():
+    plant = MultibodyPlant(0.001)
+    body = plant.AddRigidBody(
+        "cart", SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1)
+    )
+    plant.AddJoint(
+        PrismaticJoint(
+            name="slide",
+            frame_on_parent=plant.world_frame(),
+            frame_on_child=body.body_frame(),
+            axis=[1.0, 0.0, 0.0],
+            pos_lower_limit=0.0,
+            pos_upper_limit=0.1,
+        )
+    )
+    plant.Finalize()
+    with pytest.raises(SystemsError, match=r"0 and 0\.1 m; .* 0\.2 m apart"):
+        check_limits(plant, 0.1)
 
 
 @pytest.mark.parametrize("limits", [(0.0, 0.0), (0.0, 2.0)])
