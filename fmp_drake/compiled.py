@@ -27,13 +27,17 @@ class _Announcer(event.Listener):
     """Listener that logs a message at the first compilation, which takes seconds."""
 
     def __init__(self) -> None:
-        self._has_announced = False
+        self.is_kept, self._has_announced = True, False
 
     def on_start(self, event: Any = None) -> None:  # noqa: ARG002
         """Log the message at the first function that is not in the cache."""
-        if not self._has_announced:
-            self._has_announced = True
-            logger.info("compiling for this machine, once: up to half a minute")
+        if self._has_announced:
+            return
+        self._has_announced = True
+        purpose = "this machine, once" if self.is_kept else "this run"
+        logger.info("compiling for %s: up to half a minute", purpose)
+        if not self.is_kept:
+            logger.info("no folder can keep it; NUMBA_CACHE_DIR names another one")
 
     def on_end(self, event: Any) -> None:
         """Log nothing at the end of a compilation."""
@@ -86,6 +90,7 @@ def compiled[F: Callable[..., Any]](function: F) -> F:
         # numba refuses to compile without a place for its cache.
         cache_dir = tempfile.mkdtemp(prefix="fmp_drake_")
         atexit.register(shutil.rmtree, cache_dir, ignore_errors=True)
+        announcer.is_kept = False
         numba.config.CACHE_DIR = cache_dir  # type: ignore[attr-defined]
         dispatcher._cache = cache_of(function)
     else:
