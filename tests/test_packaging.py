@@ -142,7 +142,7 @@ def test_make_runs_a_checkout_that_was_moved_with_its_environment(tmp_path, comm
         (tmp_path / name).write_bytes((REPOSITORY / name).read_bytes())
     (tmp_path / ".venv" / ".installed").touch()
     done = subprocess.run(
-        ["make", command, "ARGS=--seed 3"],
+        ["make", "--no-print-directory", command, "ARGS=--seed 3"],
         cwd=tmp_path,
         capture_output=True,
         text=True,
