@@ -235,7 +235,12 @@ class ArmRun(StationRun):
     def events(self) -> list[RunEvent]:
         """Return the events of the run so far, in chronological order."""
         stops = [
-            RunEvent(t, t, "arm stopped", f"arm stopped at {t:.1f} s: {words}")
-            for t, words in ((t, faults_in_words(fault)) for t, fault in self.stops)
+            RunEvent(
+                t,
+                t,
+                "arm stopped",
+                f"arm stopped at {t:.1f} s: {faults_in_words(fault)}",
+            )
+            for t, fault in self.stops
         ]
         return sorted([*super().events(), *stops])

@@ -63,8 +63,8 @@ class JointLimits(NamedTuple):
     Parameters
     ----------
     middle, half_range : array, shape (n,)
-        Of the position, rad; the middle is 0 where there is no limit, and far away where
-        there is one.
+        Of the position, rad. The middle is 0 for a joint without limits, and 500 rad from
+        the limit of a joint that has only one.
     speed : array, shape (n,)
         rad/s.
     lower_effort, upper_effort : array, shape (n,)
