@@ -42,6 +42,8 @@ NEAREST = {
     "systems/panda/arm_status.py": "systems/test_plausibility.py systems/test_torque_gate.py",
     "runs/arm_bench.py": "runs/test_arm_bench.py",
     "systems/impedance/supervision.py": "systems/test_impedance_safety.py",
+    "systems/interface/arm_model.py": "-m 'not browser' station/test_robots.py "
+    "systems/test_operational_space_impedance_controller.py",
     "systems/ink/rubbing.py": "systems/test_ink_rubbing.py systems/test_ink_board.py",
     "systems/ink/grid.py": "systems/test_ink_grid.py systems/test_ink_metrics.py",
     "primitives/data/channels.py": "primitives/test_channels.py "

@@ -1,8 +1,6 @@
 """Output to the console and the page, progress bars, and input from the page."""
 
-import json
 import logging
-import math
 import shlex
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -22,7 +20,7 @@ from rich.text import Text
 from fmp_drake.apps.options import SceneOptions, arguments
 from fmp_drake.apps.terminal import has_terminal, is_enter_pressed
 from fmp_drake.errors import FmpError, RunError, SystemsError
-from fmp_drake.primitives.data.files import write_text
+from fmp_drake.primitives.data.files import write_json
 from fmp_drake.station import Scenario
 from fmp_drake.station.page import ShowStill
 from fmp_drake.station.reach.feasibility import Feasibility
@@ -223,26 +221,12 @@ def track_frames(console: Console, frames: Sequence[int]) -> Iterable[int]:
         yield from progress.track(frames, description="rendering")
 
 
-def metrics_text(metrics: Mapping[str, object]) -> str:
-    """Return metrics as the text of a file (.json), which has null for infinity and NaN."""
-    return json.dumps(_finite(metrics), indent=2, allow_nan=False) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    is_number = isinstance(value, float)
-    return None if is_number and not math.isfinite(value) else value
-
-
 def write_metrics(
     console: Console, metrics: Mapping[str, object], path: Path | None
 ) -> None:
     """Write metrics to a file (.json), if one is given."""
     if path is not None:
-        write_text(path, metrics_text(metrics), RunError)
+        write_json(path, metrics, RunError)
         console.print(f"wrote {path}")
 
 

@@ -11,13 +11,13 @@ from typing import Any
 from rich.console import Console
 
 from fmp_drake.apps.options import option
-from fmp_drake.apps.page import metrics_text, track_frames
+from fmp_drake.apps.page import track_frames
 from fmp_drake.errors import FmpError, RunError
 from fmp_drake.film import FILM_SIGNALS, FilmReel, check_film, film_run, film_size
 from fmp_drake.plots import plot_run
 from fmp_drake.plots.run_page import RUN_PAGE_SIGNALS, check_graph, write_graph
 from fmp_drake.plots.style import check_picture
-from fmp_drake.primitives.data.files import check_writable, write_text
+from fmp_drake.primitives.data.files import check_writable, write_json, write_text
 from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.runs import StationRun
 from fmp_drake.runs.log import SIGNALS
@@ -117,10 +117,7 @@ class RunFiles:
                 film_run(run, reel, path, width=self.video_width, track=track)
 
         steps: list[tuple[Path | None, Callable[[Path], None]]] = [
-            (
-                self.report,
-                lambda path: write_text(path, metrics_text(metrics), RunError),
-            ),
+            (self.report, lambda path: write_json(path, metrics, RunError)),
             (self.log, lambda path: run.save_log(path, metrics)),
             (self.plot, lambda path: plot_run(run, path)),
             (self.html, lambda path: write_text(path, run.html(title=title), RunError)),

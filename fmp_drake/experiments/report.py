@@ -3,7 +3,6 @@
 import base64
 import html
 import io
-import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.primitives.data.files import replaced, write_text
+from fmp_drake.primitives.data.files import replaced, write_json, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # Slow to import.
@@ -150,9 +149,7 @@ def write_report(
         + "</body></html>\n"
     )
     write_text(folder / "report.html", page, ExperimentError)
-    write_text(
-        folder / "results.json", json.dumps(results, indent=2) + "\n", ExperimentError
-    )
+    write_json(folder / "results.json", results, ExperimentError)
     if markdown is not None:
         _write_markdown(markdown, sections, introduction, title)
 

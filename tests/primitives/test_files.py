@@ -1,11 +1,13 @@
 """Facts about files that are written: whole or not at all."""
 
 import contextlib
+import json
 import os
 import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from fmp_drake.errors import FmpError, RunError
@@ -13,6 +15,7 @@ from fmp_drake.primitives.data.files import (
     check_writable,
     keep_earlier_files,
     replaced,
+    write_json,
     write_text,
 )
 
@@ -174,3 +177,10 @@ def test_a_link_is_followed_and_a_pipe_is_not_replaced(tmp_path):
         check_writable(pipe)
     assert pipe.is_fifo()
     assert sorted(tmp_path.iterdir()) == [link, pipe, target]
+
+
+def test_a_json_file_has_null_for_what_json_does_not_have(tmp_path):
+    path = tmp_path / "out.json"
+    write_json(path, {"a": [1.5, np.nan], "b": {"c": -np.inf}, "d": ("e", None, True)})
+    expected = {"a": [1.5, None], "b": {"c": None}, "d": ["e", None, True]}
+    assert json.loads(path.read_text(), parse_constant=pytest.fail) == expected

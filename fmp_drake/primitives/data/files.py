@@ -3,13 +3,13 @@
 import glob
 import itertools
 import json
+import math
 import os
 import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +84,21 @@ def write_text(path: Path, text: str, error: type[FmpError] = FmpError) -> None:
         part.write_text(text, encoding="utf-8")
 
 
+def write_json(path: Path, value: Any, error: type[FmpError] = FmpError) -> None:
+    """Write numbers, texts, lists and mappings, with null for infinity and NaN."""
+    text = json.dumps(_finite(value), indent=2, allow_nan=False)
+    write_text(path, text + "\n", error)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    is_number = isinstance(value, float)
+    return None if is_number and not math.isfinite(value) else value
+
+
 def read_npz(
     path: Path,
     expected: str,
@@ -131,7 +146,7 @@ def _check_sizes(archive: zipfile.ZipFile, most: int) -> None:
                 (2, 0): npy.read_array_header_2_0,
             }
             shape, _, dtype = read[npy.read_magic(stream)](stream)
-        if prod(shape) * dtype.itemsize > member.file_size:
+        if math.prod(shape) * dtype.itemsize > member.file_size:
             raise ValueError(f"{member.filename} is shorter than its shape {shape}")
 
 
