@@ -15,6 +15,9 @@ import fmp_drake
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 pytestmark = pytest.mark.slow
+needs_make = pytest.mark.skipif(
+    shutil.which("make") is None, reason="make is not installed"
+)
 
 
 @pytest.fixture(scope="module")
@@ -130,22 +133,59 @@ def test_wheel_installs_the_script(wheel):
     assert "fmp-drake = fmp_drake.apps.main:main" in entries
 
 
-@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+@pytest.fixture
+def checkout(tmp_path):
+    """Return a folder with all that make reads before it runs Python."""
+    for name in ("Makefile", "pyproject.toml", "constraints.txt", ".python-version"):
+        (tmp_path / name).write_bytes((REPOSITORY / name).read_bytes())
+    return tmp_path
+
+
+def run_make(folder, *arguments, env=None):
+    """Return what make prints in a folder."""
+    done = subprocess.run(
+        [shutil.which("make"), "--no-print-directory", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=env,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@needs_make
 @pytest.mark.parametrize("command", ["wipe", "teach"])
-def test_make_runs_a_checkout_that_was_moved_with_its_environment(tmp_path, command):
+def test_make_runs_a_checkout_that_was_moved_with_its_environment(checkout, command):
     # The installed script fmp-drake names the folder in which it was installed.
-    python = tmp_path / ".venv" / "bin" / "python"
+    python = checkout / ".venv" / "bin" / "python"
     python.parent.mkdir(parents=True)
     python.write_text('#!/bin/sh\necho "$@"\n')
     python.chmod(0o755)
-    for name in ("Makefile", "pyproject.toml", "constraints.txt", ".python-version"):
-        (tmp_path / name).write_bytes((REPOSITORY / name).read_bytes())
-    (tmp_path / ".venv" / ".installed").touch()
-    done = subprocess.run(
-        ["make", "--no-print-directory", command, "ARGS=--seed 3"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
+    (checkout / ".venv" / ".installed").touch()
+    printed = run_make(checkout, command, "ARGS=--seed 3")
+    assert printed.strip() == f"-m fmp_drake {command} --seed 3"
+
+
+@needs_make
+@pytest.mark.parametrize("program", ["uv", "python3"])
+def test_make_leaves_an_environment_alone_that_is_only_linked(checkout, program):
+    shared = checkout / "shared"
+    shared.mkdir()
+    (shared / "kept").touch()
+    (checkout / ".venv").symlink_to(shared)
+    programs = checkout / "programs"
+    programs.mkdir()
+    for name in ("sh", "rm", "mkdir", "touch", "cp"):
+        (programs / name).symlink_to(shutil.which(name))
+    # A copy of it is the Python of the environment that its last argument names.
+    stub = programs / program
+    stub.write_text(
+        "#!/bin/sh\nfor last; do :; done\n"
+        'if [ "$last" = .venv ]; then mkdir -p .venv/bin && cp "$0" .venv/bin/python; fi\n'
     )
-    assert done.stdout.strip() == f"-m fmp_drake {command} --seed 3"
+    stub.chmod(0o755)
+    run_make(checkout, ".venv/.installed", env={"PATH": str(programs)})
+    assert (shared / "kept").exists()
+    assert not (checkout / ".venv").is_symlink()
