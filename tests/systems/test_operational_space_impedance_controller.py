@@ -514,6 +514,14 @@ def test_a_joint_that_may_not_move_is_refused(limits):
         make_planar(plant)
 
 
+def test_the_speed_limit_of_a_joint_is_the_lower_one_of_its_directions():
+    plant = planar_plant(finalize=False)
+    plant.GetJointByName("elbow").set_velocity_limits([-0.5], [2.0])
+    plant.Finalize()
+    speed = make_planar(plant).limits.speed
+    assert speed[plant.GetJointByName("elbow").velocity_start()] == 0.5
+
+
 def test_an_arm_on_a_free_base_is_refused():
     lines = TWO_JOINTS.splitlines()
     free = "\n".join(line for line in lines if 'name="weld"' not in line)
