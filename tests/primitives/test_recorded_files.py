@@ -1,5 +1,6 @@
 """Facts about files as people have them: read exactly, or refused with advice."""
 
+import json
 import re
 import shlex
 import shutil
@@ -22,6 +23,16 @@ NEEDS = {"bag": "rosbags", "ros": "rosbags", "mcap": "rosbags"} | dict.fromkeys(
     ("lerobot", "parquet", "half"), "pyarrow"
 )
 NEEDS |= {"hdf5": "h5py", "robomimic": "h5py", "aloha": "h5py", "excel_": "openpyxl"}
+
+# Header of a force plate: properties of all columns, then of the file, names and units.
+PLATE = """Version 5 Export
+Device:\tPlate\tPlate\tPlate\tPlate
+Samples (#):\t400\t400\t400\t400
+Rate (Hz):\t50.0\t50.0\t50.0\t50.0
+File Information
+Date\tNov 03, 2014
+abs time\tFx\tFy\tFz\tMx
+s\tN\tN\tN\tN m"""
 
 # Read as x, y and z.
 POSITIONS = (
@@ -338,6 +349,60 @@ def test_a_last_line_that_was_not_written_to_its_end_is_left_out(tmp_path):
     (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
     assert_allclose(found.values, files.PATH[:-1], atol=1e-12)
     assert remarks == ["d.csv: line 401, the last, is incomplete: left out"]
+
+
+@pytest.mark.parametrize("name", ["date", "Tiempo", "Temps [s]"])
+def test_times_have_names_of_other_languages_or_that_of_the_date(name, tmp_path):
+    text = files.xyz(1.7e9 + files.TIME, header=f"{name},x,y,z")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z")
+    assert_allclose(found.time, files.TIME, atol=1e-6)
+
+
+def test_milliseconds_of_a_time_of_day_may_follow_a_colon(tmp_path):
+    clock = [f"2019-08-06 10:25:{50 + t:06.3f}".replace(".", ":") for t in files.TIME]
+    text = files.xyz(clock, header="time,x,y,z")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.time, files.TIME, atol=1e-6)
+
+
+def test_samples_may_be_numbered_before_a_time_without_a_name(tmp_path):
+    numbers = np.arange(len(files.TIME))
+    text = files.lines(numbers, files.TIME, *files.PATH.T, *files.QUATERNIONS.T)
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z", "rx", "ry", "rz")
+    assert_allclose(found.time, files.TIME)
+    assert "column 2, which increases, is taken for the time" in remarks[0]
+    # Nothing says that the second one is the time where its steps differ.
+    text = files.lines(numbers, files.TIME**3, *files.PATH.T)
+    with pytest.raises(FmpError, match="no column holds the time"):
+        read_demonstrations([files.write(tmp_path, text).path])
+
+
+def test_properties_of_the_columns_of_a_force_plate_are_before_the_numbers(tmp_path):
+    text = files.lines(
+        files.TIME, *files.FORCE.T, 0 * files.TIME, delimiter="\t", header=PLATE
+    )
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("force_x", "force_y", "force_z", "Mx")
+    assert found.units == ("N", "N", "N", "N m")
+    assert_allclose(found.values[:, :3], files.FORCE)
+
+
+@pytest.mark.parametrize("form", ["list", "lines"])
+def test_joint_states_in_json_have_the_names_of_their_joints(form, tmp_path):
+    names = [f"{word}_joint" for word in ("elbow", "lift", "pan", "a", "b", "c")]
+    states = [
+        {"time": float(t), "name": names, "position": [*q[:6]], "velocity": [0.0] * 6}
+        for t, q in zip(files.TIME, files.JOINTS, strict=True)
+    ]
+    lines = [json.dumps(state) for state in states]
+    text = "\n".join(lines) if form == "lines" else f"[{','.join(lines)}]"
+    path = files.write(tmp_path, text, name="d.json").path
+    (found,), remarks = read_demonstrations([path])
+    assert found.channels == tuple(names)
+    assert_allclose(found.values, files.JOINTS[:, :6])
+    assert "name" not in remarks[0]
 
 
 def test_stamps_in_seconds_and_nanoseconds_are_exact(tmp_path):

@@ -389,11 +389,15 @@ def test_samples_without_an_angle_are_left_out(tmp_path):
 
 
 @pytest.mark.parametrize(("largest", "is_degrees"), [(12.5, False), (12.6, True)])
-def test_joints_are_in_degrees_above_two_revolutions(largest, is_degrees, tmp_path):
+@pytest.mark.parametrize("name", ["joint_1", "right_j0"])
+def test_joints_are_in_degrees_above_two_revolutions(
+    largest, is_degrees, name, tmp_path
+):
     angles = largest - np.sin(files.TIME)[:, None] ** 2
-    found, _ = read(table(tmp_path, angles, header="x,y,z,joint_1"))
+    found, _ = read(table(tmp_path, angles, header=f"x,y,z,{name}"))
     factor = np.pi / 180 if is_degrees else 1.0
-    assert_allclose(found.select(["joint_1"]).values, factor * angles)
+    assert_allclose(found.select([name]).values, factor * angles)
+    assert found.units[3] == "rad"
 
 
 @pytest.mark.parametrize(
@@ -479,6 +483,57 @@ def test_a_name_that_tells_the_order_and_matrices_need_no_option(name, array, tm
     found, remarks = read(path)
     assert_pose(found)
     assert "--quaternions" not in remarks
+
+
+@pytest.mark.parametrize("name", ["wxyz", "R_WE", "dcm", "rotation_mat"])
+def test_columns_of_a_stated_order_or_of_a_rotation_matrix_are_an_orientation(
+    name, tmp_path
+):
+    numbers = TURNS.as_matrix().reshape(-1, 9)
+    numbers = np.roll(QUATERNIONS, 1, axis=1) if name == "wxyz" else numbers
+    names = ",".join(f"{name}_{i}" for i in range(numbers.shape[1]))
+    found, remarks = read(table(tmp_path, numbers, header=f"x,y,z,{names}"))
+    assert found.channels == ("x", "y", "z", "rx", "ry", "rz")
+    assert_pose(found)
+    if name != "wxyz":
+        assert f"{name}_0 to {name}_8 are an orientation, row by row" in remarks
+
+
+@pytest.mark.parametrize("form", ["r{}{}", "R_{}_{}", "dcm[{}][{}]", "O_R_EE_{}{}"])
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("by_columns", [False, True])
+def test_elements_of_a_matrix_are_found_by_their_row_and_column(
+    form, first, by_columns, tmp_path
+):
+    matrices, order = TURNS.as_matrix(), [(i, j) for i in range(3) for j in range(3)]
+    order = [(i, j) for j, i in order] if by_columns else order
+    names = ",".join(form.format(i + first, j + first) for i, j in order)
+    columns = np.column_stack([matrices[:, i, j] for i, j in order])
+    found, _ = read(table(tmp_path, columns, header=f"x,y,z,{names}"))
+    assert found.channels == ("x", "y", "z", "rx", "ry", "rz")
+    assert_pose(found)
+
+
+def test_elements_of_a_pose_include_its_position(tmp_path):
+    matrices = np.dstack([TURNS.as_matrix(), files.PATH])
+    names = ",".join(f"T{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3, 4))
+    text = files.lines(files.TIME, *matrices.reshape(-1, 12).T, header=f"time,{names}")
+    found, _ = read(files.write(tmp_path, text).path)
+    assert_pose(found)
+
+
+def test_advice_on_two_arms_keeps_the_orientation(tmp_path):
+    names = ",".join(
+        f"left_ee_{axis}" for axis in ("x", "y", "z", "qx", "qy", "qz", "qw")
+    )
+    header = f"time,{names},{names.replace('left', 'right')}"
+    arm = [*files.PATH.T, *QUATERNIONS.T]
+    path = files.write(
+        tmp_path, files.lines(files.TIME, *arm, *arm, header=header)
+    ).path
+    _, remarks = read(path)
+    found, _ = read(path, option_in(remarks))
+    assert_pose(found)
 
 
 @pytest.mark.parametrize(

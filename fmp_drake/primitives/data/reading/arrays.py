@@ -237,8 +237,8 @@ def table_of(
     """Return a table of arrays (N,) and (N, k) of equal length.
 
     The columns of an array (N, 3) are named `name_x` and so on, those of others `name_1`.
-    Matrices (N, 4, 4) have 16 columns, (N, 3, 4) 12, and rotations (N, 3, 3) 9. Other arrays are
-    left out. A rate (Hz), given or found among the arrays, adds a column of times. Where
+    Matrices (N, 4, 4) have 16 columns, (N, 3, 4) 12, and rotations (N, 3, 3) 9. Words (N, k) that
+    stay the same may name columns, as of joints. Other arrays are left out. A rate (Hz), given or found among the arrays, adds a column of times. Where
     the rows of several things alternate, those of the topic are read. Without `count`, N is
     found.
     """
@@ -247,6 +247,7 @@ def table_of(
         raise SkillFileError(f"{path} holds no samples.")
     arrays = _aligned(arrays, count)
     names, parts, omissions, remarks = [], [], [], []
+    words: dict[str, str] = {}
     chosen: Mask | None = None
     if rate is None and not any(map(_is_time, arrays)):
         rate = rate_in({n.rsplit(".", 1)[-1]: array for n, array in arrays.items()})
@@ -259,6 +260,10 @@ def table_of(
             if chosen is not None:
                 remarks.append(f"only rows with {topic} as {name}")
                 continue
+        is_table = array.ndim == 2 and len(array) == count
+        if is_table and array.dtype.kind in "OU" and np.all(array == array[0]):
+            words |= {f"{name}_{i}": str(word) for i, word in enumerate(array[0], 1)}
+            continue
         is_numbers = array.dtype.kind in "biufmM"
         if array.ndim not in (1, 2) or len(array) != count or not is_numbers:
             omissions.append(f"{name or 'the array'} {array.shape} of {array.dtype}")
@@ -289,6 +294,7 @@ def table_of(
         values=np.column_stack(parts)[slice(None) if chosen is None else chosen],
         units=() if rate is None else ("s",),
         remarks=tuple(remarks),
+        words=words,
     )
 
 

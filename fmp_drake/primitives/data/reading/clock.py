@@ -23,9 +23,9 @@ _TIMES = (
     re.compile(r"(.*_)?(header_)?stamp"),
     re.compile(
         r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds)"
-        r"|zeit|zeitstempel|uhrzeit|datum"
+        r"|zeit|zeitstempel|uhrzeit|datum|tiempo|temps|tempo"
     ),
-    re.compile(r"(.*_)?(time|timestamps?)_(mono(tonic)?|unix|utc)"),
+    re.compile(r"(.*_)?(time|timestamps?)_(mono(tonic)?|unix|utc)|date"),
 )
 _NANOSECONDS = ("nsecs", "nsec", "nanosec")
 # Ranges of absolute times, s: since 1970, for dates from 2001 on; for ticks of 100 ns,
@@ -97,8 +97,10 @@ def time_column(
     changing = [c for c in candidates if np.any(c.values != c.values[0])]
     candidates = changing or candidates
     if not candidates:
-        unnamed = [c for c in columns if not c.key][:1]
-        candidates = [c for c in unnamed if c.is_increasing and not c.is_counter]
+        unnamed = [c for c in columns if not c.key]
+        candidates = [c for c in unnamed[:1] if c.is_increasing and not c.is_counter]
+        if unnamed and unnamed[0].is_counter:  # Samples are numbered before the time.
+            candidates = [c for c in unnamed[1:2] if _is_steady(c)]
         if not candidates:
             raise SkillFileError(_missing_time(columns, listed, remarks))
         remarks.append(

@@ -83,7 +83,8 @@ NO_MEASURED_ANGLES = re.compile(
 """Words in the names of numbered joint values that are not measured angles."""
 _NORMAL_FORCE = re.compile(r"(.*_)?(normal_force|force_normal)")
 _FORCE = re.compile(
-    r"(.*?)_?(?:(?<![a-z0-9])(?:fts?\d*(?:_raw|_sensor)?|f(?:_?ext(?:_hat_k)?)?)|force)_?([xyz])"
+    r"(.*?)_?(?:(?<![a-z0-9])(?:(?:net)?fts?\d*(?:_raw|_sensor)?"
+    r"|f(?:_?(?:ext(?:_hat_k)?|tip|tool|tcp|eef?|base|wrist))?)|force)_?([xyz])"
 )
 _TORQUE = re.compile(r"(?<![a-z0-9])t(?=_?[xyz]$)")
 # What differs between the names of two arms' columns.
@@ -91,7 +92,7 @@ _SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
 NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
     r"|speed|jerk|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
-    r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau|ori|err|error)$|^(q|v|a|w|b)_"
+    r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau|ori|err|error)$|^(q|v|a|w|b|f)_"
     r"|(^|_)((net)?fts?\d*|imu|joy(stick)?)(_|$)"
 )
 """Words in the names of axes that are not positions."""
@@ -100,7 +101,7 @@ _TOOL = re.compile(r"(^|_)(tcp|tool|ee|eef|end_?eff\w*|flange)(_|$)")
 _UNITS = (
     (
         re.compile(
-            r"(.*_)?(joints?(_angles?|_states?|_positions)?|theta|q|qpos|r[xyz]"
+            r"(.*_)?(joints?(_angles?|_states?|_positions)?|theta|q|qpos|j(?=_?\d)|r[xyz]"
             r"|(?<!wrist_)(?<!forearm_)(angle|roll|pitch|yaw))_?\d*(_pos(ition)?)?"
         ),
         "rad",
@@ -391,7 +392,9 @@ def _channels(
     if len(positions) > 1:
         measured = [p for p in positions if not _COMMANDED.fullmatch(p)] or positions
         prefix = max(measured, key=lambda p: bool(_TOOL.search(p)))
-        chosen = (*positions[prefix], *orientations.get(prefix, ()))
+        names_of_turns = [p for p in orientations if f"{p}_".startswith(f"{prefix}_")]
+        turns_of_it = orientations[names_of_turns[0]] if names_of_turns else ()
+        chosen = (*positions[prefix], *turns_of_it)
         pose = (*POSITION_CHANNELS, *QUATERNION_CHANNELS)
         remarks.append(_choice("positions", positions, pose, chosen))
     elif len(joints) > 1:

@@ -13,6 +13,13 @@ from fmp_drake.primitives.data.reading.angles import REVOLUTION, euler_option
 from fmp_drake.primitives.data.reading.table import ReadingOptions, Table, standard_unit
 
 _NUMBERED = re.compile(r"(.*?)_?(\d+)")
+# Name of an element of a matrix, `r11` or `r_1_1`; rows and columns of all its elements.
+_ELEMENT = re.compile(r"(.*?)_?([0-4])_?([0-4])")
+_ELEMENTS = [
+    [f"{i}{j}" for i in range(first, first + m) for j in range(first, first + n)]
+    for first in (0, 1)
+    for m, n in ((3, 3), (3, 4), (4, 4))
+]
 # Last words of the names before the numbers.
 _POSITIONS = re.compile(r"(.*_)?(p|pos|positions?|translations?|points?|xyz)")
 _QUATERNIONS = re.compile(r"(.*_)?(q|quats?|quaternions?|orientations?|rot|rotations?)")
@@ -75,6 +82,8 @@ def column_groups(
         count = len(keys)
         width = next((n for n in (7, 12, 16) if 0 <= count - n <= 2), 0)
         numbered = {"": {n: count - width + n for n in range(width)}}
+    for prefix, elements in _matrices(keys):
+        numbered[prefix] = dict(enumerate(elements))
     for prefix, members in numbered.items():
         count, numbers = len(members), sorted(members)
         if not count or numbers not in (list(range(count)), list(range(1, count + 1))):
@@ -93,7 +102,7 @@ def column_groups(
             origin = table.names[first] or f"column {table.numbers[first]}"
             kind = "a force and a torque" if "N" in units else "a pose"
             if len(labels) == 4:
-                kind = "an orientation"
+                kind = "an orientation" + ", row by row" * (count == 9)
             if len(labels) < 4 < count:
                 kind = "a position"
                 if not {*EULER_CHANNELS} & {*options.columns}:
@@ -114,6 +123,17 @@ def column_groups(
         sources = [len(keys) - 1 - keys[::-1].index(axis) for axis in "xyzw"]
         if _is_unit(values[:, sources], _EXACT):
             yield Group(set(sources), list(_POSE[3:]), [""] * 4, values[:, sources])
+
+
+def _matrices(keys: Sequence[str]) -> Iterator[tuple[str, list[int]]]:
+    """Yield the prefix and the columns, row by row, of matrices such as `r11` to `r33`."""
+    matrices: dict[str, dict[str, int]] = {}
+    for i, name in enumerate(keys):
+        if match := _ELEMENT.fullmatch(name):
+            matrices.setdefault(match[1], {})[match[2] + match[3]] = i
+    for prefix, places in matrices.items():
+        if sorted(places) in _ELEMENTS:
+            yield prefix, [places[place] for place in sorted(places)]
 
 
 def _numbered_joints(
@@ -181,7 +201,8 @@ def _recognise(
     if count == 3 and _POSITIONS.fullmatch(prefix):
         return pose[:3], [""] * 3, values, False
     error = _STATED if "quat" in prefix else _EXACT
-    if count == 4 and _QUATERNIONS.fullmatch(prefix) and _is_unit(values, error):
+    is_named = stated or _QUATERNIONS.fullmatch(prefix)
+    if count == 4 and is_named and _is_unit(values, error):
         return [f"{stem}{q}" for q in _POSE[3:]], [""] * 4, values[:, order], not stated
     if count == 6 and (match := _WRENCH.fullmatch(prefix)):
         stem = f"{match[1]}_" if match[1] else ""
@@ -200,7 +221,9 @@ def _recognise(
         numbers = np.hstack([values[:, :3], values[:, 3:][:, order]])
         return pose, [""] * 7, numbers, not stated
     first = 0
-    if count == 9 and _MATRICES.fullmatch(prefix):  # Without a position.
+    known = values[~np.any(np.isnan(values), axis=1)]
+    is_turning = np.any(known != known[:1])  # A constant one may be a covariance.
+    if count == 9 and (is_turning or _MATRICES.fullmatch(prefix)):  # No position.
         first, count = 3, 12
         values = np.insert(values, [3, 6, 9], 0.0, axis=1)
     if count == 12:

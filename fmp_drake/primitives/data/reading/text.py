@@ -34,7 +34,7 @@ _DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
 # Date (by year, or by day), hours, minutes, seconds; a date or the hours may be missing.
 _DATE = re.compile(
     r"(?:(\d{4})[-/.](\d\d?)[-/.](\d\d?)[T ,/_-]+|(\d\d?)([./])(\d\d?)[./](\d{4})[T ,]+)?"
-    r"(?:(\d\d?):)?(\d\d?):(\d\d?(?:[.,]\d+)?)(?: ?([AaPp])[Mm])?"
+    r"(?:(\d\d?):)?(\d\d?):(\d\d?(?:[.,]\d+|:\d{3,})?)(?: ?([AaPp])[Mm])?"
     r"(?:Z|[+-]\d\d:?\d\d)?"
 )
 _COMPACT_DATE = re.compile(r"(\d{4})(\d\d)(\d\d)[_T-](\d\d)(\d\d)(\d\d)")
@@ -51,7 +51,7 @@ _MOST_DELETED = 20
 # Greatest number of lines before the numbers.
 _LONGEST_PREAMBLE = 200
 _UNIT = re.compile(
-    r"[\[(]?(|[numkcd]?s|[munc]?m|in|ft|m?rad|deg|°|N/?m|-|m/s|rad/s"
+    r"[\[(]?(|[numkcd]?s|[munc]?m|in|ft|m?rad|deg|°|N[/ ]?m|-|m/s|rad/s"
     rf"|{'|'.join(FORCES)}|(?i:sec|seconds|{'|'.join(SYMBOLS)}))[\])]?"
 )
 # Names of columns of numbers that identify a sensor, and the greatest number of sensors.
@@ -325,11 +325,14 @@ def _first_row(path: Path, lines: list[str]) -> tuple[int, str]:
                 most, best = fraction, delimiter
         # Numbers between rows of another length belong to the preamble.
         beside = [*content[max(n - 1, 0) : n], *content[n + 1 : n + 3]]
-        width = len(split_cells(lines[i], best)) if best else 0
+        cells = split_cells(lines[i], best) if best else [""]
+        width = len(cells)
         is_item = best == " " and lines[i].lstrip().startswith("- ")
+        # A property of each column, such as `Rate (Hz):` of a force plate.
+        is_property = best != " " and cells[0].endswith(":")
         if (
             best
-            and not is_item
+            and not (is_item or is_property)
             and (
                 len(content) == n + 1
                 or any(len(split_cells(lines[k], best)) == width for k in beside)
@@ -384,7 +387,7 @@ def _date_in(cell: str) -> float | None:
     year, month, day, one, mark, two, late_year, *clock, half = match.groups()
     if one:
         year, day, month = late_year, *((one, two) if mark == "." else (two, one))
-    hours, minutes, seconds = (float((c or "0").replace(",", ".")) for c in clock)
+    hours, minutes, seconds = (float(re.sub("[,:]", ".", c or "0")) for c in clock)
     if half:
         hours = hours % 12 + 12 * (half in "Pp")
     time = 3600 * hours + 60 * minutes + seconds
