@@ -522,6 +522,38 @@ def test_elements_of_a_pose_include_its_position(tmp_path):
     assert_pose(found)
 
 
+@pytest.mark.parametrize("names", ["q_i,q_j,q_k,q_w", "quat_w,quat_i,quat_j,quat_k"])
+def test_a_quaternion_may_have_the_elements_i_j_k_and_w(names, tmp_path):
+    quaternions = np.roll(QUATERNIONS, names.startswith("quat_w"), axis=1)
+    found, _ = read(table(tmp_path, quaternions, header=f"x,y,z,{names}"))
+    assert_pose(found)
+
+
+def test_a_position_has_the_orientation_of_its_body(tmp_path):
+    names = ",".join(f"ee_{axis}" for axis in ("x", "y", "z", "qx", "qy", "qz", "qw"))
+    other = names.replace("ee", "uav")
+    one, two = (*files.PATH.T, *QUATERNIONS.T), (*files.PATH.T, *files.QUATERNIONS.T)
+    text = files.lines(files.TIME, *two, *one, header=f"time,{other},{names}")
+    found, _ = read(files.write(tmp_path, text).path)
+    assert_pose(found)
+
+
+def test_measured_values_of_a_kuka_and_a_kinova_are_read(tmp_path):
+    measured = np.hstack([files.PATH, DEGREES[:, ::-1]])
+    names = [f"R{kind}_{axis}" for kind in ("Ist", "Sol") for axis in "XYZABC"]
+    clock = 4_208_163_634 + np.round(1000 * files.TIME)
+    columns = (clock, *measured.T, *(measured + 1).T)
+    text = files.lines(*columns, header=",".join(["IPOC", *names]))
+    found, _ = read(files.write(tmp_path, text).path)
+    assert_pose(found)
+    assert_allclose(found.time - found.time[0], files.TIME, atol=1e-9)
+    names = [f"tool_pose_{kind}{axis}" for kind in ("", "theta_") for axis in "xyz"]
+    columns = (files.TIME, *files.PATH.T, *DEGREES.T)
+    text = files.lines(*columns, header=",".join(["time", *names]))
+    found, _ = read(files.write(tmp_path, text).path)
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
+
+
 def test_advice_on_two_arms_keeps_the_orientation(tmp_path):
     names = ",".join(
         f"left_ee_{axis}" for axis in ("x", "y", "z", "qx", "qy", "qz", "qw")

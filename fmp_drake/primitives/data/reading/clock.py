@@ -23,7 +23,7 @@ _TIMES = (
     re.compile(r"(.*_)?(header_)?stamp"),
     re.compile(
         r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds)"
-        r"|zeit|zeitstempel|uhrzeit|datum|tiempo|temps|tempo"
+        r"|zeit|zeitstempel|uhrzeit|datum|tiempo|temps|tempo|ipoc"
     ),
     re.compile(r"(.*_)?(time|timestamps?)_(mono(tonic)?|unix|utc)|date"),
 )

@@ -60,8 +60,10 @@ _EULER = re.compile(_WORD.format(_TURNS, "(roll|pitch|yaw)"))
 _KUKA = re.compile(_WORD.format(_TURNS, "([abc])"))
 _QUATERNION = re.compile(
     r"(.*?)_?(?:q|(?<![a-z0-9])o|quats?|quaternions?|ori(?:entations?)?|rotations?|rot)"
-    r"(?:_[a-z]{1,3})?_?([xyzw])"
+    r"(?:_[a-z]{1,3})?_?([xyzwijk])"
 )
+# Words at the end of a prefix that do not name the body, as in `left_ee`.
+_NO_BODY = re.compile(rf"(?:(?:^|_)(?:{_PLACES}))+$")
 JOINT = re.compile(
     r"(?:(.*)[_./])?"
     r"(?:joints?(?:_(?:pos(?:itions?)?|angles?|states?))?"
@@ -74,7 +76,7 @@ JOINT = re.compile(
 _NUMBERS = ("1234567", "0123456", "123456", "012345")
 # Positions that were commanded instead of measured.
 _COMMANDED = re.compile(
-    r"(^|.*_)(t_ee_[dc]|des|desired|target|cmd|command|commanded|actions?|ref|reference|goal)"
+    r"(^|.*_)(t_ee_[dc]|des|desired|target|cmd|command|commanded|actions?|ref|reference|goal|rsol)"
     r"(_.*|$)"
 )
 NO_MEASURED_ANGLES = re.compile(
@@ -92,7 +94,7 @@ _SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
 NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
     r"|speed|jerk|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
-    r"|(^|_)(f|v|a|w|r|q|m|d|omega|tau|ori|err|error)$|^(q|v|a|w|b|f)_"
+    r"|(^|_)(f|v|a|w|r|q|m|d|omega|theta|tau|ori|err|error)$|^(q|v|a|w|b|f)_"
     r"|(^|_)((net)?fts?\d*|imu|joy(stick)?)(_|$)"
 )
 """Words in the names of axes that are not positions."""
@@ -321,6 +323,7 @@ def _channels(
     """
     labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
     orientations = _groups(columns, _QUATERNION, "xyzw")
+    orientations = orientations or _groups(columns, _QUATERNION, "ijkw")
     lengths = [c for c in columns if _is_length(c)]
     keys = {c.key for c in columns}
     # Beside the force fx, fy and fz, tx, ty and tz are a torque, or the position of a pose
@@ -345,6 +348,8 @@ def _channels(
     positions, orientations, commanded = _without_commanded(
         positions, orientations, has_joints=bool(joints)
     )
+    if len(positions) == 1:
+        orientations = _of_body(orientations, *positions) or orientations
     if commanded:
         columns = [c for c in columns if c not in commanded]
         names_of_commands = ", ".join(c.name for c in commanded)
@@ -381,20 +386,16 @@ def _channels(
             (group,) = groups.values()
             for column, name in zip(group, axes, strict=False):
                 labels[column.number] = name
-    forces = [
-        c
-        for c in columns
-        if _NORMAL_FORCE.fullmatch(c.key) and not _COMMANDED.fullmatch(c.key)
-    ]
+    normal = (c for c in columns if _NORMAL_FORCE.fullmatch(c.key))
+    forces = [c for c in normal if not _COMMANDED.fullmatch(c.key)]
     is_force = [c.unit in ("", *FORCES) for c in forces] == [True]
     if is_force and FORCE_CHANNEL not in labels.values():
         labels[forces[0].number] = FORCE_CHANNEL
     if len(positions) > 1:
         measured = [p for p in positions if not _COMMANDED.fullmatch(p)] or positions
         prefix = max(measured, key=lambda p: bool(_TOOL.search(p)))
-        names_of_turns = [p for p in orientations if f"{p}_".startswith(f"{prefix}_")]
-        turns_of_it = orientations[names_of_turns[0]] if names_of_turns else ()
-        chosen = (*positions[prefix], *turns_of_it)
+        turned = [*_of_body(orientations, prefix).values()][:1]
+        chosen = sum(turned, positions[prefix])
         pose = (*POSITION_CHANNELS, *QUATERNION_CHANNELS)
         remarks.append(_choice("positions", positions, pose, chosen))
     elif len(joints) > 1:
@@ -408,6 +409,12 @@ def _channels(
             "Choose by their numbers from 1, such as --columns time=1,x=2"
         )
     return channels
+
+
+def _of_body(groups: _Groups, prefix: str) -> _Groups:
+    """Return the groups of the body that a prefix names: `left_ee` beside `left`."""
+    body = _NO_BODY.sub("", prefix)
+    return {p: group for p, group in groups.items() if _NO_BODY.sub("", p) == body}
 
 
 def _choice(
