@@ -178,6 +178,9 @@ REFUSED = {
     files.bytes_of("d.xls", b"\xd0\xcf\x11\xe0"): "soffice --convert-to csv ",
     files.bytes_of("d.tar", bytes(257) + b"ustar"): "an archive; .*: tar xf ",
     files.bytes_of("d.c3d", b"\x02P" + bytes(9)): r"a C3D file; export it as \.csv",
+    files.bytes_of(
+        "d.bvh", b"HIERARCHY\nROOT Hips"
+    ): r"a BVH file, of joint angles .*csv",
     files.bytes_of("d.xlsx", b"PK\x03\x04"): r"not a readable Excel file .*as \.csv",
     files.unknown_column: r"no column 'px' for x; the columns are time, x, y, z",
     files.repeated_names: r"names of columns repeat: .* time, a, a, a",
@@ -364,6 +367,25 @@ def test_milliseconds_of_a_time_of_day_may_follow_a_colon(tmp_path):
     text = files.xyz(clock, header="time,x,y,z")
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert_allclose(found.time, files.TIME, atol=1e-6)
+
+
+@pytest.mark.parametrize("names", [["", "", "", ""], ["time", "x", "y", "z"]])
+@pytest.mark.parametrize("delimiter", [",", " ", "\t"])
+def test_samples_of_a_matrix_may_be_beside_one_another(names, delimiter, tmp_path):
+    rows = [files.TIME, *files.PATH.T]
+    cells = [
+        [name] * bool(name) + [*map(repr, map(float, row))]
+        for name, row in zip(names, rows, strict=True)
+    ]
+    text = "".join(f"{delimiter.join(row)}\n" for row in cells)
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z")
+    assert_allclose(found.values, files.PATH)
+    assert_allclose(found.time, files.TIME)
+    assert "each line is a channel" in remarks[0]
+    columns = ReadingOptions.parse("time=1,x=2,y=4")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path], columns)
+    assert_allclose(found.values, files.PATH[:, [0, 2]])
 
 
 def test_samples_may_be_numbered_before_a_time_without_a_name(tmp_path):

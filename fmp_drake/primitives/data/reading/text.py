@@ -48,6 +48,8 @@ _NO_ANGLE = re.compile(r"time|.*_t[xyz]|[pt]?[xyz]", re.IGNORECASE)
 _MOST_BROKEN, _FEW = 0.01, 20
 # Greatest number of broken rows that a command deletes.
 _MOST_DELETED = 20
+# Most lines of a table whose samples are beside one another, and fewest samples.
+_MOST_ROWS, _FEWEST_SAMPLES = 20, 50
 # Greatest number of lines before the numbers.
 _LONGEST_PREAMBLE = 200
 _UNIT = re.compile(
@@ -101,7 +103,8 @@ def table_of_lines(
             f"{path} is empty: nothing was recorded. Record one to try with: "
             "fmp-drake record --out demo.csv"
         )
-    lines, numbers_in_file = _without_lists(_with_whole_cells(lines))
+    in_rows = _with_samples_in_rows(lines)
+    lines, numbers_in_file = _without_lists(_with_whole_cells(in_rows or lines))
     start, delimiter = _first_row(path, lines)
     first = split_cells(lines[start], delimiter)
     width = len(first)
@@ -121,7 +124,8 @@ def table_of_lines(
         # Their first cells are empty, or numbers.
         words = sorted({*words, *more})
         rows = _read_rows(lines, start, delimiter, labels, words)
-    values, broken, remarks = rows.values, rows.broken, []
+    values, broken = rows.values, rows.broken
+    remarks = ["each line is a channel"] if in_rows else []
     if may_be_incomplete and broken and broken[-1][0] == len(lines):
         *broken, (number, _, _) = broken
         remarks.append(f"line {number}, the last, is incomplete: left out")
@@ -224,6 +228,26 @@ def rows_of_one(
             f"{topic_choice(kinds)}"
         )
     return None
+
+
+def _with_samples_in_rows(lines: list[str]) -> list[str]:
+    """Return the lines of a table whose samples are beside one another, or nothing.
+
+    MATLAB's matrices (D, N) are saved like this; their rows may begin with names.
+    """
+    if len(lines) > _LONGEST_PREAMBLE + _MOST_ROWS:
+        return []
+    content = [line for line in lines if line.strip() and not _COMMENT.match(line)]
+    if not 1 < len(content) <= _MOST_ROWS:
+        return []
+    for delimiter in _DELIMITERS:
+        rows = [split_cells(line, delimiter) for line in content]
+        width = len(rows[0])
+        if width > _FEWEST_SAMPLES and all(len(row) == width for row in rows):
+            are_numbers = [number_in(row[1]) is not None for row in rows]
+            cells = zip(*rows, strict=True) if all(are_numbers) else ()
+            return [delimiter.join(row) for row in cells]
+    return []
 
 
 def _with_whole_cells(lines: list[str]) -> list[str]:
