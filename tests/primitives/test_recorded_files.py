@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import recorded_files as files
+import yaml
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
@@ -360,6 +361,13 @@ def test_times_have_names_of_other_languages_or_that_of_the_date(name, tmp_path)
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert found.channels == ("x", "y", "z")
     assert_allclose(found.time, files.TIME, atol=1e-6)
+    # Beside a time they are something else, such as the tempo of a drummer.
+    beside = files.lines(
+        1.7e9 + 2 * files.TIME, files.TIME, *files.PATH.T, header=f"{name},time,x,y,z"
+    )
+    (found,), _ = read_demonstrations([files.write(tmp_path, beside).path])
+    assert len(found.channels) == 4
+    assert_allclose(found.time, files.TIME)
 
 
 def test_milliseconds_of_a_time_of_day_may_follow_a_colon(tmp_path):
@@ -425,6 +433,36 @@ def test_joint_states_in_json_have_the_names_of_their_joints(form, tmp_path):
     assert found.channels == tuple(names)
     assert_allclose(found.values, files.JOINTS[:, :6])
     assert "name" not in remarks[0]
+
+
+@pytest.mark.parametrize("form", ["npz", "json", "yaml"])
+def test_joint_names_beside_arrays_name_their_columns(form, tmp_path):
+    names = [f"{word}_joint" for word in ("elbow", "lift", "pan", "a", "b", "c")]
+    angles, path = files.JOINTS[:, :6], tmp_path / f"d.{form}"
+    points = [
+        {"positions": q.tolist(), "velocities": [0.0] * 6, "time_from_start": float(t)}
+        for t, q in zip(files.TIME, angles, strict=True)
+    ]
+    content = {"joint_names": names, "points": points}
+    if form == "npz":
+        rates = np.zeros_like(angles)
+        np.savez(path, t=files.TIME, joint_names=names, q=angles, velocities=rates)
+    else:
+        path.write_text((yaml.dump if form == "yaml" else json.dumps)(content))
+    if form == "yaml":  # The advised command writes JSON.
+        with pytest.raises(
+            FmpError, match=r"a trajectory in YAML; .* JSON: "
+        ) as refusal:
+            read_demonstrations([path])
+        command = shlex.split(str(refusal.value).partition("JSON: python ")[2])
+        subprocess.run([sys.executable, *command], cwd=tmp_path, check=True)
+        path = tmp_path / command[-1]
+    (found,), remarks = read_demonstrations([path])
+    assert found.channels[:6] == tuple(names)
+    assert found.units[:6] == ("rad",) * 6
+    assert_allclose(found.values[:, :6], angles)
+    assert_allclose(found.time, files.TIME, atol=1e-9)
+    assert not any("joint_names" in remark for remark in remarks)
 
 
 def test_stamps_in_seconds_and_nanoseconds_are_exact(tmp_path):

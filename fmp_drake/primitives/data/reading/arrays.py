@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -45,6 +46,9 @@ METADATA = ("channels", "units", "frame", "note", "rotation_reference")
 """Fields of a demonstration in the metadata of a saved file."""
 _RATES = ("fps", "rate", "sample_rate", "frequency", "control_freq", "dt")
 _JSON_LINE = '{"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}'
+# Last words of the names of joint angles, and of the names of the joints.
+_JOINT_ANGLES = re.compile(r"(joint_?)?(positions?|angles?|states?)|q|qpos|joints?")
+_JOINT_NAMES = re.compile(r"(joint_?)?names?")
 # Fewest samples of one of several recordings in a file.
 _FEWEST = 20
 
@@ -248,12 +252,13 @@ def table_of(
     arrays = _aligned(arrays, count)
     names, parts, omissions, remarks = [], [], [], []
     words: dict[str, str] = {}
+    place, joints = _joint_names(arrays, count)
     chosen: Mask | None = None
     if rate is None and not any(map(_is_time, arrays)):
         rate = rate_in({n.rsplit(".", 1)[-1]: array for n, array in arrays.items()})
         remarks += [f"at {rate:g} Hz, as the file says"] if rate else []
     for name, array in arrays.items():
-        if array.ndim == 0:  # A setting, or a name.
+        if array.ndim == 0 or name == place:  # A setting, or names.
             continue
         if chosen is None and array.shape == (count,):
             chosen = rows_of_one(path, name, _sources(name, array), topic)
@@ -274,11 +279,15 @@ def table_of(
             array = array / np.timedelta64(1, "s")
         columns = np.asarray(array, dtype=float).reshape(count, -1)
         width = columns.shape[1]
+        parts.append(columns)
+        if width == len(joints) and _JOINT_ANGLES.fullmatch(name.rsplit(".", 1)[-1]):
+            names += joints
+            joints = []  # Other values, such as velocities, are numbered.
+            continue
         axes: Sequence[Any] = "xyz" if width == 3 else range(1, width + 1)
         names += [
             f"{name}_{axis}" if name and array.ndim == 2 else name for axis in axes
         ]
-        parts.append(columns)
     if not parts:
         raise SkillFileError(
             f"{path} holds {listed(omissions) or 'nothing'}; expected arrays of numbers, "
@@ -296,6 +305,20 @@ def table_of(
         remarks=tuple(remarks),
         words=words,
     )
+
+
+def _joint_names(
+    arrays: Mapping[str, NDArray[Any]], count: int
+) -> tuple[str | None, list[str]]:
+    """Return the name and the words of an array `joint_names`, where there is one.
+
+    Its length is not the number of samples, `count`.
+    """
+    for name, array in arrays.items():
+        is_list = array.ndim == 1 and array.dtype.kind in "OU" and len(array) != count
+        if is_list and _JOINT_NAMES.fullmatch(name.rsplit(".", 1)[-1]):
+            return name, [str(word) for word in array]
+    return None, []
 
 
 def _sources(name: str, array: NDArray[Any]) -> list[str]:

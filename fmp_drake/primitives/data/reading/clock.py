@@ -22,11 +22,14 @@ from fmp_drake.primitives.data.reading.table import (
 _TIMES = (
     re.compile(r"(.*_)?(header_)?stamp"),
     re.compile(
-        r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds)"
-        r"|zeit|zeitstempel|uhrzeit|datum|tiempo|temps|tempo|ipoc"
+        r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds"
+        r"|time_from_start)"
+        r"|zeit|zeitstempel|uhrzeit|datum"
     ),
-    re.compile(r"(.*_)?(time|timestamps?)_(mono(tonic)?|unix|utc)|date"),
+    re.compile(r"(.*_)?(time|timestamps?)_(mono(tonic)?|unix|utc)"),
 )
+# Names of times, unless there is one of these.
+_OTHER_TIMES = re.compile("date|tiempo|temps|tempo|ipoc")
 _NANOSECONDS = ("nsecs", "nsec", "nanosec")
 # Ranges of absolute times, s: since 1970, for dates from 2001 on; for ticks of 100 ns,
 # since the year 1 or 1601.
@@ -76,7 +79,8 @@ def time_column(
         if form.fullmatch(column.key) and (not column.suffix or column.suffix in TIMES)
     ]
     with_unit = [c for c in columns if c.header_unit in TIMES and c.is_increasing]
-    candidates = candidates or with_unit
+    others = [c for c in columns if _OTHER_TIMES.fullmatch(c.key)]
+    candidates = candidates or others or with_unit
     stamps = _stamps(columns)
     indices = {column.number for column in (*candidates, *sum(stamps, ()))}
     if options.sample_rate is not None:

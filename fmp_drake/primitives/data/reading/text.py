@@ -364,6 +364,12 @@ def _first_row(path: Path, lines: list[str]) -> tuple[int, str]:
         ):
             return i, best
     yaml = ("---", "header:", "- ")
+    if any(line.startswith("joint_names:") for line in lines):
+        convert = "json.dump(yaml.safe_load(open(sys.argv[1])), open(sys.argv[2], 'w'))"
+        raise SkillFileError(
+            f"{path} is a trajectory in YAML; convert it to JSON: python -c "
+            f'"import json, sys, yaml; {convert}" {shlex.quote(str(path))} d.json'
+        )
     if any(line.startswith(yaml) for line in lines[:_LONGEST_PREAMBLE]):
         raise SkillFileError(
             f"{path} is YAML, as ROS prints it; record a bag (ros2 bag record TOPIC), or "
