@@ -389,8 +389,9 @@ def test_columns_are_suggested_by_their_axes():
         place_on_board(recording, scenario=Scenario())
 
 
-def test_names_of_velocities_and_angles_are_not_suggested_as_a_position():
-    names = ("velocity_x", "velocity_y", "velocity_z", "tx_base", "ty_base", "tz_base")
+@pytest.mark.parametrize("form", ["velocity_{}", "{}_dot"])
+def test_names_of_velocities_and_angles_are_not_suggested_as_a_position(form):
+    names = (*map(form.format, "xyz"), "tx_base", "ty_base", "tz_base")
     recorded = Demonstration(
         time=np.arange(100) / 50,
         values=np.random.default_rng(0).random((100, 6)),

@@ -93,7 +93,7 @@ _TORQUE = re.compile(r"(?<![a-z0-9])t(?=_?[xyz]$)")
 _SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
 NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
-    r"|speed|jerk|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
+    r"|speed|jerk|_dot|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
     r"|(^|_)(f|v|a|w|r|q|m|d|omega|theta|tau|ori|err|error)$|^(q|v|a|w|b|f)_"
     r"|(^|_)((net)?fts?\d*|imu|joy(stick)?)(_|$)"
 )
