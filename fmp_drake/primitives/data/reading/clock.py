@@ -79,7 +79,7 @@ def time_column(
         if form.fullmatch(column.key) and (not column.suffix or column.suffix in TIMES)
     ]
     with_unit = [c for c in columns if c.header_unit in TIMES and c.is_increasing]
-    others = [c for c in columns if _OTHER_TIMES.fullmatch(c.key)]
+    others = [c for c in columns if _OTHER_TIMES.fullmatch(c.key) and c.is_increasing]
     candidates = candidates or others or with_unit
     stamps = _stamps(columns)
     indices = {column.number for column in (*candidates, *sum(stamps, ()))}
