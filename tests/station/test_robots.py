@@ -392,6 +392,13 @@ def test_a_model_of_mujoco_is_refused_because_it_has_no_velocity_limits(tmp_path
         MakeRobotModel(LoadRobot(file))
 
 
+def test_a_model_with_macros_is_refused_with_the_command_that_expands_them(tmp_path):
+    file = _own(tmp_path, {})
+    file.write_text(file.read_text().replace("own.urdf", "own.urdf.xacro"))
+    with pytest.raises(StationError, match=r"`xacro own\.urdf\.xacro > own\.urdf`"):
+        MakeRobotModel(LoadRobot(file))
+
+
 def test_warnings_about_a_model_are_logged_once_until_it_changes(
     tmp_path, caplog, capfd
 ):

@@ -205,6 +205,17 @@ def test_a_joint_just_below_its_least_inertia_is_refused(tmp_path):
         CheckStability(few, ImpedanceConfig())
 
 
+def test_an_effort_limit_that_no_inertia_makes_stable_is_named(tmp_path):
+    file = models_dir() / "ur5e" / "ur5e.urdf"
+    text = re.sub(r'effort="[^"]*"', 'effort="1e9"', file.read_text())
+    (tmp_path / "strong.urdf").write_text(text)
+    text = file.with_suffix(".yaml").read_text().replace("ur5e.urdf", "strong.urdf")
+    (tmp_path / "strong.yaml").write_text(text)
+    robot = MakeRobotModel(LoadRobot(tmp_path / "strong.yaml"))
+    with pytest.raises(StationError, match=r"correct .*6's effort limit of 1e\+09 Nm"):
+        CheckStability(robot, ImpedanceConfig())
+
+
 def test_springs_of_the_tool_need_inertia_too(tmp_path):
     robot = own(tmp_path, "reflected_inertia: [0.01]")
     CheckStability(robot, ImpedanceConfig())

@@ -270,6 +270,12 @@ def AddRobot(
         " Meshes are found relative to the model, or in its package, a folder with a "
         "package.xml around it; a model may have no <visual>."
     )
+    if Path(config.model).suffix.lower() == ".xacro":
+        raise StationError(
+            f"{Path(config.model).name} has macros; write the URDF that `xacro "
+            f"{Path(config.model).name} > {Path(config.model).stem}` makes of it, and name it as "
+            "the model."
+        )
     if Path(config.model).suffix.lower() == ".xml":
         raise StationError(
             f"{Path(config.model).name} is read as MJCF (MuJoCo), in which joints have no "

@@ -144,7 +144,8 @@ def CheckStability(
     else:
         raise StationError(
             f"impedance.control_period is {config.control_period:g} s; with it no arm is "
-            "stable in its springs. Choose a shorter one."
+            f"stable in its springs. Choose a shorter one, or correct {robot.joint_names[i]}'s "
+            f"effort limit of {effort[i]:g} Nm."
         )
     raise StationError(
         f"{robot.joint_names[i]} of {Path(robot.config.model).name} has an inertia of only "
