@@ -3,12 +3,14 @@
 from pathlib import Path
 
 import click
+import numpy as np
 from pydrake.geometry import SceneGraph
 from rich.table import Table
 from rich.text import Text
 
 from fmp_drake.apps.page import make_console, print_next
 from fmp_drake.errors import FmpError, StationError
+from fmp_drake.station.reach.board_reach import ArmClearance
 from fmp_drake.station.reach.posture import FindLevelReach
 from fmp_drake.station.robots.robot import ListRobots, LoadRobot, MakeRobotModel
 from fmp_drake.station.robots.stability import CheckStability
@@ -33,6 +35,12 @@ def robots(files: tuple[str, ...]) -> None:
         try:
             ArmModel(robot.plant, robot.tip)
             CheckStability(robot, ImpedanceConfig())
+            posture = np.array([config.posture])
+            if files and (pair := ArmClearance(config).self_contact(posture)[1]):
+                problems.append(
+                    f"{pair} touch each other in the posture; choose another one, or list "
+                    "them in contact_free if they cannot meet."
+                )
         except FmpError as error:
             problems.append(str(error))
         context = robot.plant.CreateDefaultContext()

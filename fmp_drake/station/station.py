@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
-from pydrake.math import RotationMatrix
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 
@@ -24,7 +23,7 @@ from fmp_drake.station.external_forces import (
     TeachingHand,
 )
 from fmp_drake.station.page import AddBodies, AddPage, AddPageStatus
-from fmp_drake.station.reach.posture import TORQUE_FRACTION, ArmForceLimit
+from fmp_drake.station.reach.posture import TORQUE_FRACTION, StartForceLimit
 from fmp_drake.station.robots.driver import Driver, SimulatedDriver
 from fmp_drake.station.scenario import Scenario, check_scenario
 from fmp_drake.station.skill_motion import (
@@ -40,7 +39,6 @@ from fmp_drake.station.tasks.task import Task
 from fmp_drake.station.tasks.wiping import AddInk, Wiping
 from fmp_drake.systems import PagePanel
 from fmp_drake.systems.page.page_controls import PageControls
-from fmp_drake.systems.surface.surface import rotation
 from fmp_drake.systems.surface_coordinates import SurfaceCoordinates
 
 
@@ -272,16 +270,7 @@ def CheckNormalForce(scene: BoardScene) -> None:
     StationError
     """
     scenario = scene.scenario
-    R_WT = scene.X_WA.rotation()
-    if not scene.curvature.is_plane:
-        u, v, _ = scenario.start
-        R_WT = R_WT @ RotationMatrix(rotation(scene.curvature, u, v))
-    limit = ArmForceLimit(
-        scene.model,
-        q=scene.robot.default_posture,
-        R_WB=R_WT,
-        friction=scenario.contact_friction(),
-    )
+    limit = StartForceLimit(scenario, scene.model, scene.robot.default_posture)
     if scenario.press.force > limit:
         raise StationError(
             f"press.force is {scenario.press.force:g} N; at the start the arm can press "

@@ -85,6 +85,24 @@ description: Mine.
     assert f"next: fmp-drake wipe --robot {tmp_path / 'mine.yaml'}" in result.out
 
 
+def test_a_robot_without_shapes_or_that_touches_itself_is_listed_with_the_reason(
+    command, tmp_path
+):
+    folder = models_dir() / "ur5e"
+    urdf, text = ((folder / f"ur5e.{end}").read_text() for end in ("urdf", "yaml"))
+    bare = re.sub("<collision.*?</collision>", "", urdf, flags=re.DOTALL)
+    (tmp_path / "bare.urdf").write_text(bare)
+    (tmp_path / "bare.yaml").write_text(text.replace("ur5e.urdf", "bare.urdf"))
+    result = command("robots", tmp_path / "bare.yaml")
+    assert "has no collision geometry" in result.out
+    assert "next:" not in result.out
+    text = text.replace("ur5e.urdf", str(folder / "ur5e.urdf"))
+    folded = re.sub(r"posture: .*", "posture: [0, -1.2, 2.8, 1.1, -1.57, 0]", text)
+    (tmp_path / "folded.yaml").write_text(folded)
+    result = command("robots", tmp_path / "folded.yaml")
+    assert re.search(r"\w+ and \w+ touch each other in the posture", result.out)
+
+
 def test_a_joint_that_is_too_light_is_named_with_the_key_that_mends_it(
     command, tmp_path
 ):

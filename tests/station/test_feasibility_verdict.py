@@ -72,7 +72,7 @@ def lag_per_newton(found, *, stiffness=1500):
 
 @pytest.fixture
 def predicted(monkeypatch):
-    """Predictions that a test changes; the clearance is 5 cm."""
+    """Predictions that a test changes; the clearance is 5 cm, the start bears any force."""
     predictions = Predictions()
 
     def follow(_reach, *args, **options):
@@ -80,6 +80,7 @@ def predicted(monkeypatch):
 
     monkeypatch.setattr(BoardReach, "follow", follow)
     monkeypatch.setattr(BoardReach, "clearance", lambda *args: far_away(args[2]))
+    monkeypatch.setattr(BoardReach, "start_force", lambda *_args: np.inf)
     return predictions
 
 

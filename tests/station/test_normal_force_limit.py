@@ -8,7 +8,8 @@ from pydrake.multibody.tree import MultibodyForces
 from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import StationError
-from fmp_drake.station import AddBoardScene, LoadScenario
+from fmp_drake.skills import scenario_skill
+from fmp_drake.station import AddBoardScene, CheckFeasibility, LoadScenario
 from fmp_drake.station.reach.posture import ArmForceLimit
 from fmp_drake.station.robots.robot import LoadRobot, MakeRobotModel
 from fmp_drake.station.station import CheckNormalForce
@@ -68,6 +69,21 @@ def test_a_normal_force_above_the_limit_at_the_start_is_refused():
     words = f"press.force is {1.001 * limit:g} N; .* {limit:.1f} N .* 80 % of its"
     with pytest.raises(StationError, match=words):
         CheckNormalForce(scene)
+
+
+def test_the_check_suggests_a_normal_force_that_the_arm_has_at_the_start():
+    scenario = LoadScenario("vertical")
+    skill, _, _ = scenario_skill(scenario)
+    scenario.press.force = 57.0
+    # Friction does not hold the eraser back.
+    scenario.impedance.translational_stiffness = [15000.0, 15000.0, 200.0]
+    scenario.impedance.control_period = 0.0002
+    found = CheckFeasibility(scenario, skill)
+    assert "it can press with 55.6 N at the start" in found.verdict
+    scenario.press.force = found.suggestion["press_force"]
+    assert scenario.press.force <= 55
+    scene = AddBoardScene(DiagramBuilder(), scenario, start=scenario.start)
+    CheckNormalForce(scene)
 
 
 def test_greatest_normal_force_falls_with_friction_to_less_than_a_newton():

@@ -148,6 +148,32 @@ def test_its_reach_is_checked(folder, bundled_skill):
     assert not CheckFeasibility(scenario, bundled_skill, suggest=False).is_feasible
 
 
+def test_an_arm_that_touches_itself_is_refused_with_the_bodies(folder, bundled_skill):
+    text, count = re.subn(r"contact_free.*\n.*\n", "", ROBOT)
+    assert count == 1
+    (folder / "touching.yaml").write_text(text)
+    scenario = LoadScenario("table_top", robot=str(folder / "touching.yaml"))
+    found = CheckFeasibility(scenario, bundled_skill, suggest=False)
+    assert not found.is_feasible
+    touching = r"on 100\.0 % of the path (link\d|eraser) and link\d touch each other; .* contact_free"
+    assert re.search(touching, found.verdict)
+
+
+def test_a_rate_of_torque_with_which_the_arm_oscillates_is_refused(
+    folder, bundled_skill
+):
+    scenario = LoadScenario("table_top", robot=str(folder / "six.yaml"))
+    scenario.impedance.max_torque_rate = 80.0
+    verdict = CheckFeasibility(scenario, bundled_skill).verdict
+    match = re.search(
+        r"oscillate with a max_torque_rate of 80 Nm/s\. What would help: a max_torque_rate "
+        r"of (\d+) Nm/s",
+        verdict,
+    )
+    scenario.impedance.max_torque_rate = float(match[1])
+    assert CheckFeasibility(scenario, bundled_skill).is_feasible
+
+
 def test_the_page_gives_the_inertia_of_the_motors_without_which_it_is_refused(
     folder, bundled_skill
 ):

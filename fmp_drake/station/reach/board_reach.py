@@ -1,18 +1,20 @@
 """Reachable part of a board with the posture of the controller."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.models.whiteboard import BoardBox, closed_axes
 from fmp_drake.station.reach.deviation_prediction import Deviation, predict_deviation
-from fmp_drake.station.reach.posture import SolveStartPosture
+from fmp_drake.station.reach.posture import SolveStartPosture, StartForceLimit
 from fmp_drake.station.reach.tracking_prediction import (
     NO_CONTACT,
     RESIDUAL,
@@ -20,12 +22,15 @@ from fmp_drake.station.reach.tracking_prediction import (
     PredictedMotion,
     TrackingPredictor,
     lengths,
+    times,
 )
 from fmp_drake.station.robots.robot import (
     CollectCollisionSpheres,
+    FilterSelfContact,
     LoadRobot,
     MakeRobotModel,
     RobotConfig,
+    Tool,
 )
 from fmp_drake.station.robots.stability import CheckStability
 from fmp_drake.station.scenario import Scenario
@@ -88,6 +93,9 @@ class FollowingBounds:
         Of the arm's links from the board, m.
     torque_fraction : float
         Of the joints' torque limits; the rest is for springs and pushes.
+    torque_rate_fraction : float
+        Of the greatest rate of torque, for the motion. Of arms of 18, 33 and 360 kg the lighter
+        two pressed evenly at 0.2; from 0.42 the 33 kg, from 0.6 all oscillated ever more.
     exceptions : float
         Fraction of the samples that may violate a bound: tails of the Gaussians, which are
         hardly ever played.
@@ -112,26 +120,72 @@ class FollowingBounds:
     lift: float = 7.7
     clearance: float = 0.02
     torque_fraction: float = 0.9
+    torque_rate_fraction: float = 0.4
     exceptions: float = 0.002
 
 
 class ArmClearance:
-    """Clearance of an arm's links, without its tool, from a board.
+    """Clearance of an arm's links, without its tool, from a board, and contact of the arm.
 
     Parameters
     ----------
     config : RobotConfig
+    tool : EraserConfig or str, optional
+        The default eraser if None.
+
+    Raises
+    ------
+    StationError
+        Where the arm has no collision geometry, or shapes that cannot be checked.
     """
 
-    def __init__(self, config: RobotConfig) -> None:
-        self._graph = SceneGraph()
-        robot = MakeRobotModel(config, scene_graph=self._graph)
+    def __init__(self, config: RobotConfig, tool: Tool | None = None) -> None:
+        builder = DiagramBuilder()
+        self._graph = graph = SceneGraph()
+        robot = MakeRobotModel(config, tool, scene_graph=graph)
         self._plant = robot.plant
-        hard = CollectCollisionSpheres(robot.plant, self._graph, robot.arm)
+        builder.AddSystem(robot.plant)
+        builder.AddSystem(graph)
+        source: Any = robot.plant.get_source_id()
+        builder.Connect(
+            robot.plant.get_geometry_pose_output_port(),
+            graph.get_source_pose_port(source),
+        )
+        hard = CollectCollisionSpheres(robot.plant, graph, robot.arm)
+        FilterSelfContact(robot, graph)
         indices, self._owner = np.unique(hard.bodies, return_inverse=True)
         self._links = [self._plant.get_body(BodyIndex(i)) for i in indices]
         self._points, self._radii = hard.points, hard.radii
-        self._context = self._plant.CreateDefaultContext()
+        diagram = builder.Build()
+        self._root = diagram.CreateDefaultContext()
+        self._context = self._plant.GetMyMutableContextFromRoot(self._root)
+
+    def self_contact(self, q: Array) -> tuple[Mask, str]:
+        """Return where arm and tool touch each other, and two bodies that touch.
+
+        Parameters
+        ----------
+        q : array, shape (N, n)
+            rad.
+
+        Returns
+        -------
+        touching : array of bool, shape (N,)
+        bodies : str
+            Names of the pair that is deepest in one another; empty where none touches.
+        """
+        context = self._graph.GetMyContextFromRoot(self._root)
+        touching, deepest, bodies = np.zeros(len(q), dtype=bool), 0.0, ""
+        for i in range(len(q)):
+            self._plant.SetPositions(self._context, q[i])
+            query: Any = self._graph.get_query_output_port().Eval(context)
+            for pair in query.ComputePointPairPenetration():
+                touching[i] = True
+                if pair.depth > deepest:
+                    frames = map(query.inspector().GetFrameId, (pair.id_A, pair.id_B))
+                    names = [self._plant.GetBodyFromFrameId(f).name() for f in frames]
+                    deepest, bodies = pair.depth, " and ".join(sorted(names))
+        return touching, bodies
 
     def nearest(
         self, q: Array, X_BW: Array, box: Array, curvature: Surface = PLANE
@@ -202,7 +256,10 @@ class BoardReach:
         self._predictor = TrackingPredictor(
             model.plant, model.tip, scenario.impedance, self._contact
         )
-        self._clearance = ArmClearance(config)
+        self._clearance = ArmClearance(config, scenario.held_tool())
+        self._torque_rate = (
+            config.complete(scenario.impedance).max_torque_rate or np.inf
+        )
         self.p_WBase = np.array(config.base_pose.translation)
         self.limits = joint_limits(model.plant)
         damping = joint_damping(model.plant)
@@ -281,15 +338,15 @@ class BoardReach:
             return deviation + friction_lag
         return float(np.hypot(deviation, friction_lag))
 
-    def missing_board(self, paths: Array) -> tuple[list[str], bool]:
+    def missing_board(self, paths: Array) -> tuple[list[str], str]:
         """Return the faults of paths (B, T, 3) along which the eraser finds no board to press.
 
-        The last value is whether the actual board is farther from the assumed one than the
-        arm searches.
+        The last value is what helps where the actual board is farther from the assumed one
+        than the arm searches.
         """
         scenario, faults = self._scenario, list[str]()
         if not scenario.has_board:
-            return faults, False
+            return faults, ""
         board, pressed = scenario.board, self.pressed(paths, 1)
         is_beyond = np.abs(paths[..., :2]) > np.divide(board.size, 2)
         is_beyond &= ~np.array(closed_axes(board.size, self._surface))
@@ -307,15 +364,16 @@ class BoardReach:
         if force_control.enabled:  # Then the arm yields to a board that is too high.
             height = np.maximum(height, 0.0)
         off = np.sum(np.abs(height) > most) / pressed.size
-        is_misplaced = bool(off > self._bounds.exceptions)
-        if is_misplaced:
+        setting = ""
+        if off > self._bounds.exceptions:
+            setting = "a smaller board.error, or a greater impedance.force_control.search_range"
             farthest = height[np.argmax(np.abs(height))]
             faults.append(
                 f"on {100 * off:.1f} % of the path the board is up to "
                 f"{1e3 * abs(farthest):.0f} mm {'lower' if farthest > 0 else 'higher'} than "
                 f"assumed, and the arm searches within {1e3 * most:.0f} mm"
             )
-        return faults, is_misplaced
+        return faults, setting
 
     def follow(
         self,
@@ -421,6 +479,53 @@ class BoardReach:
             motion.q.reshape(-1, n), X, box, self._surface
         )
         return distance.reshape(shape), link
+
+    def contacts(
+        self, motion: PredictedMotion, clearance: Array, link: str
+    ) -> list[str]:
+        """Return what is wrong if the arm is often too near the board, or touches itself.
+
+        `clearance` and `link` are those of `clearance`.
+        """
+        faults, bounds = [], self._bounds
+        near = np.mean(clearance < bounds.clearance)
+        if near > bounds.exceptions:
+            faults.append(
+                f"on {100 * near:.1f} % of the path {link} touches the board, or "
+                f"comes nearer than {1e3 * bounds.clearance:.0f} mm"
+            )
+        q = motion.q.reshape(-1, motion.q.shape[-1])
+        touching, bodies = self._clearance.self_contact(q)
+        if np.mean(touching) > bounds.exceptions:
+            faults.append(
+                f"on {100 * np.mean(touching):.1f} % of the path {bodies} touch each other; "
+                "choose another posture, or list them in contact_free in the robot's file if "
+                "they cannot meet"
+            )
+        return faults
+
+    def start_force(self, posture: Array) -> float:
+        """Return the greatest normal force at the start, N; infinite in free space."""
+        if not self._scenario.has_board:
+            return np.inf
+        return StartForceLimit(self._scenario, self._model, posture)
+
+    def oscillation(
+        self, motion: PredictedMotion, step: float
+    ) -> tuple[list[str], str]:
+        """Return what is wrong if the greatest rate of torque is too small, and what helps."""
+        torque = times(motion.M, np.gradient(motion.v, step, axis=1))
+        rates = np.max(np.abs(np.gradient(torque, step, axis=1)), axis=-1)
+        rate = float(np.quantile(rates, 1 - self._bounds.exceptions))
+        allowed = self._bounds.torque_rate_fraction
+        if rate <= allowed * self._torque_rate:
+            return [], ""
+        fault = (
+            f"its torques change by up to {rate:.0f} Nm/s, and it would oscillate with a "
+            f"max_torque_rate of {self._torque_rate:g} Nm/s"
+        )
+        ample = 2 * rate / allowed
+        return [fault], f"a max_torque_rate of {ample:.0f} Nm/s, if the arm accepts it"
 
     def deviation(
         self,

@@ -212,8 +212,10 @@ class _Check:
         phase = (phase + omega * self._step * np.arange(length))[..., None]
         self._displacement = np.sin(phase) * rail
         self._faults: list[str] = []
-        # Remedies: a move of the board, a slower tempo, a smaller or greater normal force (N).
-        self._is_far = self._is_disturbed = self._is_misplaced = False
+        # Remedies: a move of the board, a setting in words, a slower tempo, a smaller or greater
+        # normal force (N).
+        self._is_far = self._is_disturbed = False
+        self._setting = ""
         self._slower: float | None = None
         self._softer: float | None = None
         self._firmer: float | None = None
@@ -247,10 +249,12 @@ class _Check:
         lag, turn = map(_rms, lengths(deviation, has_rotation=self._R_TE is not None))
         values, missed = self._judge_reach(motion, clearance, link, lag)
         values |= self._judge_speed(motion)
-        values |= self._judge_force(motion)
+        values |= self._judge_force(motion, reach.start_force(posture))
         tempo = float(values["largest_tempo"])
         values |= self._judge_deviation(lag, turn, error, tempo)
         values |= self._judge_pushes(motion)
+        if not self._faults:
+            self._faults, self._setting = reach.oscillation(motion, self._step)
         speed, torque = values["largest_speed_ratio"], values["largest_torque_ratio"]
         braked = ", at which joints are braked," if speed > 1 else ""
         margin = values["smallest_joint_margin"]
@@ -282,10 +286,8 @@ class _Check:
 
         Each change is checked as a separate scenario.
         """
-        if self._is_misplaced:
-            return (
-                "a smaller board.error, or a greater impedance.force_control.search_range"
-            ), {}
+        if self._setting:
+            return self._setting, {}
         if words := self._pace_remedy():
             return words, self._changed_pace
         may_move = self._is_far or self._is_disturbed
@@ -404,13 +406,9 @@ class _Check:
             text += f", where joint {_joint(-margin)} is at a joint-limit spring"
         if text:
             self._faults.append(text)
-        if self._is_frequent(is_near):
-            self._faults.append(
-                f"on {100 * np.mean(is_near):.1f} % of the path {link} touches the board, or "
-                f"comes nearer than {1e3 * bounds.clearance:.0f} mm"
-            )
+        self._faults += self._reach.contacts(motion, clearance, link)
         self._is_far = bool(self._faults)
-        faults, self._is_misplaced = self._reach.missing_board(self._paths)
+        faults, self._setting = self._reach.missing_board(self._paths)
         self._faults += faults
         values: Values = {}
         if has_rotation:
@@ -443,7 +441,7 @@ class _Check:
             self._slower = tempo
         return {"largest_speed_ratio": ratio, "largest_tempo": tempo}
 
-    def _judge_force(self, motion: PredictedMotion) -> Values:
+    def _judge_force(self, motion: PredictedMotion, start_force: float) -> Values:
         bounds, force = self._bounds, float(np.max(self._force))
         joints = self._reach.limits
         effort = np.minimum(joints.upper_effort, -joints.lower_effort)
@@ -458,8 +456,11 @@ class _Check:
         limit = float(np.quantile(np.maximum(limits, 0.0), bounds.exceptions))
         if friction_lag > 0:
             limit = min(limit, force * tolerance / friction_lag)
+        limit = min(limit, start_force)
         if ratio > bounds.torque_fraction and not self._faults:
             self._faults.append(f"a joint needs {100 * ratio:.0f} % of its torque")
+        elif self._scenario.press.force > start_force and not self._faults:
+            self._faults.append(f"it can press with {start_force:.1f} N at the start")
         if not self._scenario.has_board:
             return {"largest_torque_ratio": ratio}
         if friction_lag > tolerance:

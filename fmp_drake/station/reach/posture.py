@@ -16,6 +16,7 @@ from fmp_drake.station.robots.robot import Robot, check_posture
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.systems.impedance.joints import JointWallConfig
 from fmp_drake.systems.interface.callbacks import check_frame
+from fmp_drake.systems.surface.surface import rotation
 
 _POSITION_TOLERANCE = 1e-6
 _ROTATION_TOLERANCE = 1e-5
@@ -258,3 +259,26 @@ def ArmForceLimit(
     effort = np.minimum(arm.GetEffortUpperLimits(), -arm.GetEffortLowerLimits())
     remaining = TORQUE_FRACTION * effort - holding_torque
     return float(max(0.0, np.min(remaining / np.maximum(np.abs(per_newton), 1e-9))))
+
+
+def StartForceLimit(scenario: Scenario, model: Robot, q: ArrayLike) -> float:
+    """Return `ArmForceLimit` at the start on a scenario's board, N.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        With a board.
+    model : Robot
+        The arm with its eraser.
+    q : array_like, shape (n,)
+        Joint angles at the start, rad.
+    """
+    R_WT, curvature = (
+        scenario.board.assumed_pose().rotation(),
+        scenario.board.curvature(),
+    )
+    if not curvature.is_plane:
+        u, v, _ = scenario.start
+        R_WT = R_WT @ RotationMatrix(rotation(curvature, u, v))
+    friction = scenario.contact_friction()
+    return ArmForceLimit(model, q=q, R_WB=R_WT, friction=friction)
