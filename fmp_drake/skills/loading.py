@@ -49,6 +49,11 @@ def load_on_board(
             f"{' and '.join(extra)} can be placed on a fitted surface only (--surface fitted)."
         )
     if surface is not None:
+        if transform is not None:
+            raise DemonstrationError(
+                "a fitted surface places the recording itself; leave out --transform or "
+                "--surface."
+            )
         reading = replace(reading or ReadingOptions(), all_arrays=True)
         demonstrations, remarks = load_as_recorded(
             files, stretch=stretch, reading=reading

@@ -700,6 +700,13 @@ def test_surface_is_fitted_to_metres_only(tmp_path):
         load_on_board([path], scenario=Scenario(), surface="fitted")
 
 
+def test_a_transform_beside_a_fitted_surface_is_refused(tmp_path):
+    path = tmp_path / "path.csv"
+    path.write_text("time,x,y,z\n0,0,0,0\n1,0.1,0,0\n")
+    with pytest.raises(DemonstrationError, match="leave out --transform or --surface"):
+        load_on_board(path, scenario=Scenario(), transform=[0.0] * 6, surface="fitted")
+
+
 def test_surface_is_fitted_to_the_path_and_orientation_of_joints(tmp_path):
     time = np.arange(0, 12, 0.02)
     angles = np.array([0, -0.8, 0, -2.4, 0, 1.6, 0.8]) + 0.2 * np.column_stack(
