@@ -77,10 +77,10 @@ def check(
     }
     write_metrics(console, metrics, report)
     is_ready = all(finding.is_good for finding in findings)
-    if not feasibility.is_feasible:
+    if feasibility.suggestion:
         console.print(advice(feasibility, scene, learning, recording))
-    elif is_ready:
+    if feasibility.is_feasible and is_ready:
         flags = [] if arm is None else ["--arm", arm]
         print_next(console, "wipe", *arguments(scene, learning, recording), *flags)
-    if not (feasibility.is_feasible and is_ready):
+    else:
         sys.exit(1)

@@ -249,10 +249,10 @@ def print_next(console: Console, *arguments: str) -> None:
 
 
 def advice(feasibility: Feasibility, scene: SceneOptions, *groups: Any) -> str:
-    """Return the command line that may make a skill feasible, with groups of options."""
+    """Return the command that makes a skill feasible, with groups of options; or nothing."""
     changed = feasibility.suggestion
     if not changed:
-        return "--move-board, --start or another skill may help"
+        return ""
     others: dict[str, Any] = dict.fromkeys(changed)
     flags = arguments(replace(scene, **others), *groups)
     for name, value in changed.items():

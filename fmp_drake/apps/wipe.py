@@ -212,10 +212,9 @@ def wipe(
             or play.force
             or _is_run_anyway(console, panel, feasibility, scenario)
         ):
-            raise StationError(
-                f"{feasibility.verdict} {advice(feasibility, scene, learning, recording)} "
-                "(--force runs it anyway)."
-            )
+            parts = feasibility.verdict, advice(feasibility, scene, learning, recording)
+            text = " ".join(filter(None, parts))
+            raise StationError(f"{text} (--force runs it anyway).")
         if scenario.skill.tempo == feasibility.suggested_tempo:  # A viewer has set it.
             feasibility = CheckFeasibility(scenario, skill)
         say(console, panel, feasibility.verdict)

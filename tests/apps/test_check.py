@@ -81,6 +81,15 @@ def test_wiping_an_infeasible_skill_is_refused_unless_forced(command, refused, f
     assert "cannot follow" in forced.out
 
 
+def test_where_only_a_setting_helps_no_command_is_advised(command, refused, tmp_path):
+    slow = tmp_path / "slow.yaml"
+    slow.write_text("impedance: {max_torque_rate: 80.0}\n", encoding="utf-8")
+    out = " ".join(command("check", "--scenario", slow).out.split())
+    assert out.endswith("if the arm accepts it.")
+    error = " ".join(refused("wipe", "--headless", "--scenario", slow).split())
+    assert error.endswith("if the arm accepts it. (--force runs it anyway).")
+
+
 def test_arm_holds_still_at_tempo_zero(command, tmp_path, outputs):
     path, report = tmp_path / "still.yaml", outputs / "report.json"
     path.write_text("skill: {tempo: 0}\nstart: [0.0, 0.0, 0.1]\n", encoding="utf-8")
