@@ -488,6 +488,14 @@ def test_store_of_another_plan_is_refused(make_store):
         store.trial(9)
 
 
+def test_a_broken_file_of_trials_is_named(tmp_path, refused):
+    file = tmp_path / "worlds.sqlite"
+    file.write_text("not a database")
+    line = refused("worlds", tmp_path)
+    assert f"{file} holds no trials (file is not a database); delete it" in line
+    assert file.read_text() == "not a database"
+
+
 @pytest.mark.parametrize("blocked", ["out", "out/worlds.sqlite"])
 def test_folder_that_cannot_store_trials_is_refused(
     spec_file, refused, tmp_path, blocked
