@@ -54,7 +54,10 @@ _DEPTH, _OPTIONS = 1, {"plant/split": "I/O"}
 
 
 def plot_run(run: "StationRun", path: str | Path) -> None:
-    """Write the page of a run, see `draw_run`, to a file (.png, .pdf, .svg)."""
+    """Write the page of a run, see `draw_run`, to a file (.png, .pdf, .svg).
+
+    The run keeps at least the signals `fmp_drake.plots.run_page.RUN_PAGE_SIGNALS`.
+    """
     save(draw_run(run), path)
 
 
@@ -70,6 +73,8 @@ def draw_run(run: "StationRun") -> Figure:
     run : StationRun
         Its kept signals include `RUN_PAGE_SIGNALS`.
     """
+    if not len(run.log_times("measured_position")):
+        raise RunError("the run has not started; call its advance_to first.")
     rows: dict[str, Callable[[Axes, Any], None]] = {}
     if _has_board(run):
         rows = {"clean (%)": _draw_cleaned, "normal force (N)": _draw_force}

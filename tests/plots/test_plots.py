@@ -745,6 +745,13 @@ class TestPages:
         plot_run(run, tmp_path / "run.png")
         assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
 
+    def test_the_page_of_a_run_that_has_not_started_is_refused(self, skills, tmp_path):
+        run = fake_run(skills[3], measured_position=np.zeros((0, 3)))
+        run.log_times = lambda name: np.zeros(len(run.log(name)))
+        with pytest.raises(RunError, match=r"not started; call its advance_to first"):
+            plot_run(run, tmp_path / "run.png")
+        assert not list(tmp_path.iterdir())
+
     def test_the_page_of_a_run_on_a_curved_board_names_u_v_and_h(self, skills):
         run = fake_run(skills[3], board=BoardConfig(shape="dome"))
         path, ink, *_, error = run_axes(run)
