@@ -20,7 +20,8 @@ _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 70rem;
        margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.8rem; } h2 { margin-top: 3rem; border-bottom: 1px solid #ccc; }
-img { max-width: 100%; } table { border-collapse: collapse; margin: 1rem 0; }
+img { max-width: 100%; } table { border-collapse: collapse; margin: 1rem 0;
+       font-size: .88rem; }
 th, td { padding: .25rem .5rem; text-align: right; border-bottom: 1px solid #ddd;
          font-variant-numeric: tabular-nums; vertical-align: top; }
 th { vertical-align: bottom; } td { white-space: nowrap; }
