@@ -14,7 +14,11 @@ from trials_stub import Here
 
 from fmp_drake.errors import DemonstrationError, ExperimentError, FmpError
 from fmp_drake.experiments.baselines import method as method_module
-from fmp_drake.experiments.baselines.gaussian_processes import DelayGP, RecordingGP
+from fmp_drake.experiments.baselines.gaussian_processes import (
+    DelayGP,
+    PeriodicGP,
+    RecordingGP,
+)
 from fmp_drake.experiments.baselines.periodic_dmp import (
     AdaptiveOscillatorDMP,
     PeriodicDMP,
@@ -153,7 +157,7 @@ def test_recordings_of_one_stem_are_movements_of_their_own(tmp_path):
     write_recording(tmp_path, "ring", ellipse(170, seed=1))
     values = np.column_stack([np.arange(170) / 20, ellipse(170, seed=2)])
     np.savetxt(tmp_path / "ring.csv", values, delimiter=",", header="time,x,y,z")
-    np.save(tmp_path / "other.npy", np.stack([values, values + 0.01]))
+    np.save(tmp_path / "other.npy", np.stack([values + 0.01, values + 0.02]))
     movements = load_movements(tmp_path)
     names = ["other_1", "other_2", "ring.csv", "ring.npz"]
     assert [movement.name for movement in movements] == names
@@ -188,6 +192,24 @@ def test_movement_that_cannot_be_divided_is_left_out_with_the_reason(tmp_path):
         r"are needed, and after 1\.5 of them at least 1\.7 s",
         "".join(messages),
     )
+
+
+def test_copy_of_a_recording_is_left_out(tmp_path):
+    for name in ("ring_1", "copy_of_ring"):
+        write_recording(tmp_path, name, ellipse(300, seed=1))
+    for i, seed in enumerate((2, 3, 2), 1):
+        write_recording(tmp_path, f"short_{i}", ellipse(85, seed=seed))
+    messages = []
+    movements = load_movements(tmp_path, messages.append)
+    # Of short_1 and its copy, one would be learned from and the other scored on.
+    assert [(m.name, len(m.parts)) for m in movements] == [
+        ("copy_of_ring", 1),
+        ("short", 2),
+    ]
+    assert messages == [
+        "ring_1 is left out: it is a copy of copy_of_ring.",
+        "short_3 is left out: it is a copy of short_1.",
+    ]
 
 
 def test_remarks_on_recordings_are_shown(tmp_path):
@@ -296,6 +318,7 @@ def of_covariance(covariance):
         (lambda f: replace(f, values=f.values * np.nan), "expected finite numbers"),
         (lambda f: replace(f, covariances=np.ones(20)), "covariances of shape (20,)"),
         (of_covariance(np.zeros((3, 3))), "LinAlgError: "),
+        (of_covariance(-np.eye(3)), "not positive definite"),
         (lambda _: 1 / 0, "ZeroDivisionError: division by zero"),
     ],
 )
@@ -478,6 +501,15 @@ def test_one_method_is_run_again_and_the_others_are_kept(folder, tmp_path):
     assert (tmp_path / "method_replay.json").stat().st_mtime_ns == before
 
 
+@pytest.mark.usefixtures("few")
+def test_method_that_is_named_twice_is_scored_once(folder, tmp_path):
+    names = ["still", "still"]
+    scores = run_benchmark(folder, tmp_path, Here(), methods=names, instants=5)
+    rows = scores["still"].predictions
+    cases = {(row["movement"], row["cycles"], row["place"]) for row in rows}
+    assert len(rows) == len(cases)
+
+
 def test_scores_of_other_recordings_are_not_mixed(folder, tmp_path):
     row = {"movement": "elsewhere", "cycles": "4", "place": 0, "error": "none"}
     write_scores(tmp_path, MethodScores(method="replay", predictions=[row]))
@@ -619,6 +651,50 @@ def test_methods_are_compared_over_the_places_that_both_learned_from():
     assert ratios[DelayGP.name] == "0.30 (0.30 to 0.30)"
     assert "in 1 of 1 cases" in findings[0].shows
     assert tables["benchmark_movements"][1] == ["a", "3.0 [2]", "9.3", "2.8"]
+
+
+def scores_of(method, cycles="2", **values):
+    """Return scores of a method with one prediction."""
+    row = {"movement": "a", "cycles": cycles, "place": 0, **values}
+    return {method: MethodScores(method=method, predictions=[row])}
+
+
+def test_methods_that_are_run_without_the_reference_have_values_of_their_own():
+    scores = scores_of("still", error_mm=12.0, log_density=-20.0)
+    error, density, coverage = benchmark_findings(scores)
+    assert error.title == "Error of the next second, mm"
+    assert error.figure.axes[0].get_ylabel() == "error (mm)"
+    assert error.table[1] == ["still", "12.00 (12.00 to 12.00)"]
+    assert density.table[1] == ["still", "-20.0 (least -20.0)"]
+    low, high = density.figure.axes[0].get_ylim()
+    assert low < -20 < high
+    assert coverage.title == "Coverage of the 95 % tubes"
+    for finding in (error, density):
+        assert "replay" not in finding.shows
+        assert PeriodicGP.name not in finding.shows
+    replayed = scores_of(ReplayMethod.name, error_mm=6.0)
+    error, *_ = benchmark_findings(scores | replayed)
+    assert error.table[1] == ["still", "2.00 (2.00 to 2.00)"]
+
+
+def test_report_has_no_section_without_values():
+    findings = benchmark_findings(scores_of("still", error_mm=12.0))
+    assert [finding.name for finding in findings] == ["benchmark_error"]
+    findings = benchmark_findings(scores_of("still", "all", error_mm=12.0))
+    names = ["benchmark_error", "benchmark_movements"]
+    assert [finding.name for finding in findings] == names
+
+
+def test_report_says_why_a_method_has_no_values(tmp_path):
+    scores = scores_of("shy", error="no periods") | scores_of("still", error_mm=12.0)
+    run = {"movement": "ring", "cycles": "4", "duration": 5.0, "error": "it falls."}
+    scores["still"].cleaning = [run | {"seed": seed} for seed in (0, 1)]
+    write_benchmark(tmp_path, scores, folder=tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert (
+        "shy could not learn from, or predict, 1 of 1 split: no periods. still could not "
+        "clean the board in 2 of 2 runs: it falls.</p>"
+    ) in page
 
 
 def test_lines_of_many_methods_differ_in_more_than_the_dashes():

@@ -7,27 +7,28 @@ from statistics import fmean, geometric_mean
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from scipy.stats import wilcoxon
 
 from fmp_drake.experiments.baselines.gaussian_processes import DelayGP, PeriodicGP
 from fmp_drake.experiments.benchmark.built_in import FMP, ReplayMethod
+from fmp_drake.experiments.benchmark.pictures import (
+    COLUMNS,
+    draw_lines,
+    summarise_runs,
+)
 from fmp_drake.experiments.benchmark.run import STEPS, MethodScores
-from fmp_drake.experiments.benchmark.splits import ALL, CYCLES
+from fmp_drake.experiments.benchmark.splits import ALL
 from fmp_drake.experiments.report import Finding, write_report
 from fmp_drake.numeric import Array
-from fmp_drake.plots.style import PLAYED, SAMPLED, label_decades, series_style
+from fmp_drake.plots.style import label_decades
 from fmp_drake.primitives.data.reading.table import count_text
 
-_COLUMNS = (*(f"{cycles:g}" for cycles in CYCLES), ALL)
 # Allowed percentages of the true samples in the tubes.
 _COVERAGE_BAND = (85, 99)
 # Densities that are drawn, relative to the reference, nats per sample.
 _DENSITIES = (-12.0, 8.0)
 _IN_BRACKETS = (
-    "In square brackets: number of movements compared, where the methods did not learn "
-    "from, or were not run on, all. "
+    "In square brackets: number of movements with a value, where these are not all. "
 )
 # Greatest ratio of a playback to the demonstration that is drawn as it is.
 _MOST_RATIO = 2.0
@@ -43,14 +44,13 @@ def benchmark_findings(scores: _Scores) -> list[Finding]:
     cleaning = [_cleaning(scores, recording) for recording in sorted(recordings)]
     if not any(method.predictions for method in scores.values()):
         return cleaning
-    return [
-        _errors(scores),
-        _densities(scores),
-        _coverage(scores),
-        _playback(scores),
-        *cleaning,
-        _movements(scores),
-    ]
+    findings = [_errors(scores)]
+    if any(mean_values(method, "log_density") for method in scores.values()):
+        findings += [_densities(scores), _coverage(scores)]
+    if any(method.playbacks for method in scores.values()):
+        findings.append(_playback(scores))
+    movements = _movements(scores)
+    return [*findings, *cleaning, *([movements] if movements.table else [])]
 
 
 def _place_values(scores: MethodScores, measure: str) -> dict[_Case, dict[int, float]]:
@@ -91,6 +91,11 @@ def _paired_means(
     return means
 
 
+def _is_scored(scores: _Scores, method: str, measure: str) -> bool:
+    """Return whether a method has been run, and has a measure."""
+    return method in scores and bool(_place_values(scores[method], measure))
+
+
 def _grouped[T](values: Mapping[_Case, T]) -> dict[str, list[T]]:
     """Return values by the number of cycles."""
     groups: dict[str, list[T]] = {}
@@ -105,7 +110,12 @@ def _comparisons(
     reference: str,
     compare: Callable[[float, float], float],
 ) -> dict[str, dict[str, list[float]]]:
-    """Return method to cycles to comparisons with a reference, one for each movement."""
+    """Return method to cycles to comparisons with a reference, one for each movement.
+
+    Without scores of the reference they are the values of the methods themselves.
+    """
+    if not _is_scored(scores, reference, measure):
+        return {name: _grouped(mean_values(m, measure)) for name, m in scores.items()}
     return {
         name: _grouped(
             {
@@ -131,7 +141,7 @@ def _table(
         for row in method.predictions
     }
     all_cycles = [cycles for cycles, _ in cases]
-    counts = {c: all_cycles.count(c) for c in _COLUMNS if c in all_cycles}
+    counts = {c: all_cycles.count(c) for c in COLUMNS if c in all_cycles}
     header = [f"{cycles} ({count})" for cycles, count in counts.items()]
     rows = [["cycles learned from (movements)", *header]]
     for name in scores:
@@ -155,23 +165,27 @@ def _errors(scores: _Scores) -> Finding:
         return f"{geometric_mean(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
 
     ratios = [r for group in comparisons.get(FMP.name, {}).values() for r in group]
-    text = ""
-    if ratios:
+    text, is_relative = "", _is_scored(scores, ReplayMethod.name, "error_mm")
+    if ratios and is_relative:
         text = (
             f"{FMP.name}: {geometric_mean(ratios):.2f} of replay's error in the geometric "
             f"mean of all {len(ratios)} cases, at most replay's in "
             f"{sum(r <= 1 for r in ratios)}. {_wins(scores, 'error_mm', min)}"
         )
-    figure = _draw_lines(comparisons, "error / error of replay", geometric_mean)
+    label = "error / error of replay" if is_relative else "error (mm)"
+    figure = draw_lines(comparisons, label, geometric_mean)
     (ax,) = figure.axes
     ax.set_yscale("log")
     label_decades(ax.yaxis, (1.0, 2.0, 5.0))
-    ax.axhline(1.0, color="0.6", linewidth=1, zorder=0)
+    parts = "."
+    if is_relative:
+        ax.axhline(1.0, color="0.6", linewidth=1, zorder=0)
+        parts = ", over the training parts that the method and replay learned from."
     return Finding(
         name="benchmark_error",
-        title="Error of the next second, relative to replay",
-        shows=f"{text}Geometric mean over movements, and the range, over the training parts "
-        f"that the method and replay learned from. {_IN_BRACKETS}{_significance(scores)}",
+        title=f"Error of the next second, {'relative to replay' if is_relative else 'mm'}",
+        shows=f"{text}Geometric mean over movements, and the range{parts} {_IN_BRACKETS}"
+        f"{_significance(scores)}",
         figure=figure,
         table=_table(scores, comparisons, show),
     )
@@ -225,16 +239,21 @@ def _densities(scores: _Scores) -> Finding:
     def show(differences: Sequence[float]) -> str:
         return f"{np.mean(differences):+.1f} (least {min(differences):+.1f})"
 
-    label = f"nats per sample more than {PeriodicGP.name}"
-    figure = _draw_lines(comparisons, label, fmean)
-    figure.axes[0].set_ylim(*_DENSITIES)
+    label, shows = "nats per sample", "Nats per sample, mean over the second"
+    if is_relative := _is_scored(scores, PeriodicGP.name, "log_density"):
+        label += f" more than {PeriodicGP.name}"
+        shows += (
+            f", minus those of {PeriodicGP.name}, over the training parts that both learned "
+            f"from; the picture shows {_DENSITIES[0]:g} to {_DENSITIES[1]:g}"
+        )
+    figure = draw_lines(comparisons, label, fmean)
+    if is_relative:
+        figure.axes[0].set_ylim(*_DENSITIES)
     return Finding(
         name="benchmark_density",
         title="Log score: density of the true next second",
-        shows=f"Nats per sample, mean over the second, minus those of {PeriodicGP.name}: "
-        "mean over movements, and the least, over the training parts that both learned from. "
-        "Methods without numbers have no uncertainty. The picture shows "
-        f"{_DENSITIES[0]:g} to {_DENSITIES[1]:g}. {_IN_BRACKETS}"
+        shows=f"{shows}. Mean over movements, and the least. Methods without numbers have no "
+        f"uncertainty, or did not learn. {_IN_BRACKETS}"
         f"{_wins(scores, 'log_density', max)}",
         figure=figure,
         table=_table(scores, comparisons, show),
@@ -257,13 +276,14 @@ def _coverage(scores: _Scores) -> Finding:
         name: {cycles: [row[-1] for row in rows] for cycles, rows in groups.items()}
         for name, groups in coverage.items()
     }
-    figure = _draw_lines(last, "inside after 1 s (%)", fmean)
+    figure = draw_lines(last, "inside after 1 s (%)", fmean)
     figure.axes[0].axhspan(*_COVERAGE_BAND, color="0.93", zorder=0)
     return Finding(
         name="benchmark_coverage",
         title="Coverage of the 95 % tubes",
         shows="Percentage of the true samples inside after 0.25 / 0.5 / 1 s, mean over "
-        "movements; 95 is ideal. The picture shows 1 s.",
+        "movements; 95 is ideal. The picture shows 1 s, and a grey band from "
+        f"{_COVERAGE_BAND[0]} to {_COVERAGE_BAND[1]} %. {_IN_BRACKETS}",
         figure=figure,
         table=_table(scores, coverage, show),
     )
@@ -275,7 +295,7 @@ def _playback(scores: _Scores) -> Finding:
         return f"{middle:{form}} ({low:{form}} to {high:{form}})"
 
     runs = {name: m.playbacks for name, m in scores.items() if m.playbacks}
-    figure, axes, table = _summarised_runs(
+    figure, axes, table = summarise_runs(
         runs,
         {
             "stays": ("stays near (%)", 100.0, ".0f"),
@@ -295,8 +315,9 @@ def _playback(scores: _Scores) -> Finding:
     return Finding(
         name="benchmark_playback",
         title="Playback of a minute",
-        shows="From a held-out second; the first 10 s are not scored. Stays: samples within "
-        "15 % of the movement's size of the demonstrated path. Size and tempo relative to "
+        shows="Each continues half a second of a held-out part; the first 10 s are not "
+        "scored. Stays near: samples whose distance from the demonstrated path is less than "
+        "15 % of the size of the movement. Size and tempo relative to "
         "the demonstration. Variety: difference of successive cycles, relative to that of "
         "the demonstration; 0 repeats itself exactly. Median, and the range of 80 %; "
         "'none' counts playbacks without a value, as no cycle repeats in them or in the "
@@ -315,7 +336,7 @@ def _cleaning(scores: _Scores, recording: str) -> Finding:
         if (group := [run for run in method.cleaning if run["movement"] == recording])
     }
     finished = {n: [r for r in group if "error" not in r] for n, group in runs.items()}
-    figure, _, table = _summarised_runs(
+    figure, _, table = summarise_runs(
         finished,
         {
             "seconds_to_50": ("to 50 % (s)", 1.0, ".1f"),
@@ -345,70 +366,6 @@ def _cleaning(scores: _Scores, recording: str) -> Finding:
     )
 
 
-def _summarised_runs(
-    runs: Mapping[str, Sequence[Mapping[str, Any]]],
-    measures: Mapping[str, tuple[str, float, str]],
-    summary: Callable[[Array, str], str],
-    *,
-    counts: Mapping[str, str],
-    missing: str,
-    limits: Sequence[float] = (np.inf,) * 4,
-) -> tuple[Figure, Sequence[Axes], list[list[str]]]:
-    """Draw the first four measures of runs, and summarise all in a table.
-
-    Parameters
-    ----------
-    runs : mapping of str to sequence of mapping
-        Runs of each method.
-    measures : mapping of str to tuple
-        Title, factor and number format of each measure.
-    summary : callable
-        Returns the text for values and a number format.
-    counts : mapping of str to str
-        Number of runs of each method, as text.
-    missing : str
-        Text with a placeholder for the number of runs without a value.
-    limits : sequence of float, length 4
-        Values above these are drawn there.
-
-    Returns
-    -------
-    figure : Figure
-        A mark for each run, and a point at the median of each method.
-    axes : sequence of Axes
-    table : list of list of str
-    """
-    figure = Figure(figsize=(12, 0.9 + 0.3 * len(runs)), layout="constrained")
-    axes = figure.subplots(1, 4, sharey=True)
-    titles = [title for title, _, _ in measures.values()]
-    table = [["", "runs", *titles]]
-    for row, (name, group) in enumerate(runs.items()):
-        cells = []
-        for i, (measure, (_, factor, form)) in enumerate(measures.items()):
-            numbers = [run[measure] for run in group if run[measure] is not None]
-            if not numbers:
-                cells.append(missing.format(len(group)) if group else "-")
-                continue
-            values = factor * np.array(numbers, dtype=float)
-            if i < len(axes):
-                color = SAMPLED if name == FMP.name else "0.5"
-                most, middle = limits[i], np.median(values)
-                shown = np.minimum(values, most)
-                axes[i].plot(shown, [row] * len(shown), "|", color=color, alpha=0.6)
-                marker = "o" if middle <= most else ">"
-                axes[i].plot(min(middle, most), row, marker, color=PLAYED, markersize=4)
-            count = len(group) - len(numbers)
-            remark = f", {missing.format(count)}" if count else ""
-            cells.append(f"{summary(values, form)}{remark}")
-        table.append([name, counts[name], *cells])
-    for ax, title in zip(axes, titles, strict=False):
-        ax.set_title(title, loc="left", fontsize="medium")
-        ax.spines[["top", "right"]].set_visible(False)
-    axes[0].set_yticks(range(len(runs)), list(runs))
-    axes[0].invert_yaxis()
-    return figure, axes, table
-
-
 def _movements(scores: _Scores) -> Finding:
     values = [_place_values(method, "error_mm") for method in scores.values()]
     rows = [["", *scores]]
@@ -428,42 +385,8 @@ def _movements(scores: _Scores) -> Finding:
         title="Error of the next second of each movement, mm",
         shows="Learned from two thirds, or from all recordings but one. In square brackets: "
         "number of training parts that a method could learn from, where these are not all.",
-        table=rows,
+        table=rows if cases else None,
     )
-
-
-def _draw_lines(
-    values: Mapping[str, Mapping[str, Sequence[float]]],
-    label: str,
-    mean: Callable[[Sequence[float]], float],
-) -> Figure:
-    """Draw a measure over the cycles, one line for each method."""
-    figure = Figure(figsize=(10, 4.6), layout="constrained")
-    ax: Axes = figure.subplots()
-    all_cycles = set().union(*values.values())
-    columns = [cycles for cycles in _COLUMNS if cycles in all_cycles]
-    for number, (name, groups) in enumerate(values.items()):
-        positions = [i for i, cycles in enumerate(columns) if cycles in groups]
-        style: dict[str, Any] = {"linewidth": 2.6, "color": SAMPLED, "marker": "o"}
-        if name == FMP.name:
-            style["zorder"] = 4
-            for i in positions:
-                group = groups[columns[i]]
-                ax.plot([i] * len(group), group, "_", color=SAMPLED, alpha=0.5)
-        else:
-            # Ten colours repeat.
-            style = {**series_style(number), "lw": 1.1, "marker": ".x"[number > 9]}
-        if positions:
-            means = [mean(groups[columns[i]]) for i in positions]
-            ax.plot(positions, means, label=name, **style)
-    ax.set_xticks(range(len(columns)), columns)
-    ax.margins(x=0.1)
-    ax.set_xlabel("cycles learned from")
-    ax.set_ylabel(label)
-    ax.spines[["top", "right"]].set_visible(False)
-    if ax.get_legend_handles_labels()[0]:
-        figure.legend(loc="outside right upper", frameon=False, fontsize="small")
-    return figure
 
 
 def write_benchmark(out: Path, scores: _Scores, *, folder: Path) -> None:
@@ -471,23 +394,27 @@ def write_benchmark(out: Path, scores: _Scores, *, folder: Path) -> None:
     name = folder.resolve().name
     count = len({row["movement"] for m in scores.values() for row in m.predictions})
     failures = [
-        f"{name} could not learn from, or predict, {len(errors)} of "
-        f"{len(method.predictions)} splits: {errors[0]}"
-        for name, method in scores.items()
-        if (errors := [row["error"] for row in method.predictions if "error" in row])
+        f"{method} could not {task} {len(errors)} of {count_text(len(rows), what)}: "
+        f"{errors[0].rstrip('.')}."
+        for method, m in scores.items()
+        for task, what, rows in (
+            ("learn from, or predict,", "split", m.predictions),
+            ("clean the board in", "run", m.cleaning),
+        )
+        if (errors := [row["error"] for row in rows if "error" in row])
     ]
     methods = count_text(len(scores), "method")
     introduction = (
         f"{methods} on {count_text(count, 'movement')} in `{name}`, 20 samples per second. "
         "Each method learns from some cycles, observes half a second of a held-out part, and "
-        "predicts the next second. " + " ".join(failures)
+        "predicts the next second."
         if count
         else f"{methods}, which clean the board."
     )
     write_report(
         out,
         sections=[("All methods", benchmark_findings(scores))],
-        introduction=introduction,
+        introduction=" ".join([introduction, *failures]),
         results={name: asdict(method) for name, method in scores.items()},
         title=f"Benchmark: {name if count else 'cleaning'}",
     )

@@ -188,7 +188,7 @@ def checked_methods(names: Sequence[str]) -> list[str]:
             raise ExperimentError(
                 f"there is no method {name!r}; the methods are {'; '.join(available)}."
             )
-    return list(names or available)
+    return list(dict.fromkeys(names) or available)
 
 
 def collect_scores(
@@ -266,6 +266,9 @@ def _forecast(method: Method, past: Array, count: int) -> Forecast:
                 f"its forecast has {name} of shape {np.shape(array)}; expected finite "
                 f"numbers of shape {shape}."
             )
+    if forecast.covariances is not None:
+        # Its error names covariances that are not positive definite.
+        np.linalg.cholesky(forecast.covariances)
     return forecast
 
 

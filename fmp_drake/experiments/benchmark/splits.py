@@ -97,8 +97,8 @@ def load_movements(
 
     Only the first three channels in metres are used. A recording of at least 2.3 cycles is
     a movement; shorter ones whose names differ only in a number at the end form one
-    movement. Others are reported and left out, as are movements that are too short to be
-    divided.
+    movement. Others are reported and left out, as are copies of a recording and movements
+    that are too short to be divided.
 
     Parameters
     ----------
@@ -122,12 +122,17 @@ def load_movements(
         if not path.name.startswith(".") and path.suffix.lower() not in _OTHER_FILES
     ]
     stems = Counter(path.stem for path in paths)
+    originals: dict[bytes, str] = {}
     for path in paths:
         recordings = list(_positions(path, progress))
         for number, values in enumerate(recordings, 1):
             name = path.stem if stems[path.stem] == 1 else path.name
             if len(recordings) > 1:
                 name = f"{name}_{number}"
+            # A copy would count twice, or be learned from and scored on.
+            if (original := originals.setdefault(values.tobytes(), name)) != name:
+                progress(f"{name} is left out: it is a copy of {original}.")
+                continue
             with suppress(DemonstrationError):
                 movement = make_movement(name, [values])
                 if movement.cycles >= _LEAST_CYCLES:
