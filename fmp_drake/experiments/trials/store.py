@@ -88,15 +88,12 @@ class TrialStore:
         try:
             yield
         except (OSError, sqlite3.Error) as error:
+            advice = "The stored trials are kept; the same command continues with the missing ones."
             # A file that is broken, unlike one that cannot be written.
             if type(error) is sqlite3.DatabaseError:
-                raise ExperimentError(
-                    f"{self.folder / _NAME} holds no trials ({error}); delete it, or give "
-                    "another folder."
-                ) from None
+                advice = f"Delete its {_NAME}, or give another folder."
             raise ExperimentError(
-                f"cannot store trials in {self.folder}: {error}. The stored trials are kept; "
-                "the same command continues with the missing ones."
+                f"cannot store trials in {self.folder}: {error}. {advice}"
             ) from None
 
     def _planned(self, plan: dict[str, str]) -> dict[str, str]:
