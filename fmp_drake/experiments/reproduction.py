@@ -41,8 +41,8 @@ from fmp_drake.station import Scenario
 _LENGTH, _START = 400, (0.05, 0.20, 0.05)
 # Measures of the claim about held-out scores: title, and function that returns the better.
 _MEASURES: dict[str, tuple[str, Callable[..., Any]]] = {
-    "error_mm": ("next second, rms (mm)", min),
-    "log_density": ("log density (nats per sample)", max),
+    "error_mm": ("Error of the next second, rms (mm)", min),
+    "log_density": ("Log density (nats per sample)", max),
 }
 # Cycles of a short recording.
 _FEW_CYCLES = "8"
