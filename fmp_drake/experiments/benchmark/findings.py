@@ -227,7 +227,8 @@ def _significance(scores: _Scores) -> str:
         return ""
     return (
         f"Error of {FMP.name} relative to each method, over movements, with the p-value of "
-        f"Wilcoxon's signed-rank test: {', '.join(parts)}."
+        "Wilcoxon's signed-rank test, not corrected for the number of methods: "
+        f"{', '.join(parts)}."
     )
 
 
