@@ -36,6 +36,7 @@ from fmp_drake.experiments.benchmark.built_in import (
     ReplayMethod,
 )
 from fmp_drake.experiments.benchmark.cleaning import (
+    board_movement,
     clean_board,
     run_cleaning,
     split_to_learn,
@@ -752,6 +753,18 @@ def test_report_counts_runs_that_never_clean_the_board(tmp_path):
     assert read_scores(tmp_path)["replay"].cleaning == again
     for name in ("stirring", "wiping"):
         assert rows_of(tmp_path, f"benchmark_cleaning_{name}")["replay"][0] == "1 of 1"
+
+
+def test_cleaning_says_how_the_recording_is_placed_and_which_one_is_used(tmp_path):
+    values = np.column_stack([np.arange(300) / 20, 2.0 * ellipse(300, seed=1)])
+    np.save(tmp_path / "rings.npy", np.stack([values, 0.5 * values]))
+    messages = []
+    movement = board_movement(tmp_path / "rings.npy", messages.append)
+    assert "rings.npy: the first of 2 recordings" in messages
+    placed_at = re.search(r"its plane, at (\d+) % of its size", "".join(messages))
+    width = np.ptp(movement.parts[0][:, :2], axis=0).max()
+    recorded = np.ptp(values[:, 1:3], axis=0).max()
+    assert width / recorded == pytest.approx(int(placed_at[1]) / 100, abs=0.03)
 
 
 @pytest.mark.usefixtures("few")

@@ -94,7 +94,7 @@ def run_cleaning(
         Where there are other runs of a recording of this name, or it has too few cycles.
     """
     names = checked_methods(methods)
-    movement = board_movement(file)
+    movement = board_movement(file, progress)
     split = split_to_learn(movement)
     known = {(movement.digest, duration)}
     for method, scores in read_scores(out).items():
@@ -111,10 +111,19 @@ def run_cleaning(
     return collect_scores(out, list(product(names, parts)), workers, progress)
 
 
-def board_movement(file: Path) -> Movement:
-    """Return the movement of a recording in the frame of the scenario's board."""
-    demonstrations, _ = read_demonstrations([file])
-    recording, _ = place_on_board(demonstrations[0], scenario=LoadScenario(_SCENARIO))
+def board_movement(file: Path, progress: Progress) -> Movement:
+    """Return the movement of a recording in the frame of the scenario's board.
+
+    It is the first recording of the file. `progress` is called with the remarks about it.
+    """
+    demonstrations, remarks = read_demonstrations([file])
+    if len(demonstrations) > 1:
+        remarks.append(f"{file.name}: the first of {len(demonstrations)} recordings")
+    recording, placed = place_on_board(
+        demonstrations[0], scenario=LoadScenario(_SCENARIO)
+    )
+    for remark in (*remarks, *(f"{file.name}: {remark}" for remark in placed)):
+        progress(remark)
     return make_movement(file.stem, [recording.resample(RATE).values])
 
 
