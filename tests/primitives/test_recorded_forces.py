@@ -466,6 +466,18 @@ def test_forces_are_converted_to_newtons(header, newtons, tmp_path):
 
 
 @pytest.mark.parametrize(
+    "form",
+    ["f_ee_{}", "fbase_{}", "ftip_{}", "f_hand_{}", "red_dot_{}", "ftool_{} [m]"],
+)
+def test_a_position_may_have_a_name_with_f_or_dot(form, tmp_path):
+    header = ",".join(form.format(axis) for axis in "xyz")
+    text = files.xyz(header=f"time,{header}")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z")
+    assert_allclose(found.values, files.PATH)
+
+
+@pytest.mark.parametrize(
     "header", ["time,x,y,z,normal_force\ns,m,m,m,kN", "time,x,y,z,normal_force [kN]"]
 )
 def test_a_normal_force_is_converted_to_newtons(header, tmp_path):

@@ -529,6 +529,39 @@ def test_a_quaternion_may_have_the_elements_i_j_k_and_w(names, tmp_path):
     assert_pose(found)
 
 
+@pytest.mark.parametrize("other", ["ee_ok", "ee_q_k"])
+def test_a_quaternion_is_read_beside_a_column_that_ends_with_i_j_or_k(other, tmp_path):
+    names = "ee_qx,ee_qy,ee_qz,ee_qw"
+    columns = np.column_stack([QUATERNIONS, np.ones(len(files.TIME))])
+    found, _ = read(table(tmp_path, columns, header=f"x,y,z,{names},{other}"))
+    assert found.channels == ("x", "y", "z", other, "rx", "ry", "rz")
+    assert_pose(found)
+
+
+@pytest.mark.parametrize("form", ["position_{}_{}", "joint_position_{}{}", "state{}{}"])
+def test_elements_of_a_constant_matrix_are_neither_joints_nor_a_pose(form, tmp_path):
+    names = [form.format(i, j) for i in (1, 2, 3) for j in (1, 2, 3)]
+    values = np.tile(np.eye(3).ravel(), (len(files.TIME), 1))
+    found, _ = read(table(tmp_path, values, header=",".join(["x,y,z", *names])))
+    assert found.channels == ("x", "y", "z", *names)
+
+
+@pytest.mark.parametrize("kind", ["torque", "vel", "temp", "current"])
+def test_values_of_joints_that_are_not_angles_do_not_change_the_unit_of_angles(
+    kind, tmp_path
+):
+    names = [f"{name}{i}" for name in ("q", f"{kind}_j") for i in range(1, 7)]
+    angles = files.JOINTS[:, :6]
+    values = np.hstack([angles, 50 + angles])
+    found, _ = read(table(tmp_path, values, header=",".join(["x,y,z", *names])))
+    assert_allclose(found.select(names).values, values)
+    assert found.units == ("m",) * 3 + ("rad",) * 6 + ("1",) * 6
+    # The current angles are not currents.
+    names = [f"current_joint_{i}" for i in range(1, 7)]
+    found, _ = read(table(tmp_path, angles, header=",".join(["x,y,z", *names])))
+    assert found.units[3:] == ("rad",) * 6
+
+
 def test_a_position_has_the_orientation_of_its_body(tmp_path):
     names = ",".join(f"ee_{axis}" for axis in ("x", "y", "z", "qx", "qy", "qz", "qw"))
     other = names.replace("ee", "uav")

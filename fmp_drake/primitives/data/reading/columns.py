@@ -60,8 +60,9 @@ _EULER = re.compile(_WORD.format(_TURNS, "(roll|pitch|yaw)"))
 _KUKA = re.compile(_WORD.format(_TURNS, "([abc])"))
 _QUATERNION = re.compile(
     r"(.*?)_?(?:q|(?<![a-z0-9])o|quats?|quaternions?|ori(?:entations?)?|rotations?|rot)"
-    r"(?:_[a-z]{1,3})?_?([xyzwijk])"
+    r"(?:_[a-z]{1,3})?_?([xyzw])"
 )
+_QUATERNION_IJK = re.compile(_QUATERNION.pattern.replace("xyzw", "ijkw"))
 # Words at the end of a prefix that do not name the body, as in `left_ee`.
 _NO_BODY = re.compile(rf"(?:(?:^|_)(?:{_PLACES}))+$")
 JOINT = re.compile(
@@ -79,35 +80,34 @@ _COMMANDED = re.compile(
     r"(^|.*_)(t_ee_[dc]|des|desired|target|cmd|command|commanded|actions?|ref|reference|goal|rsol)"
     r"(_.*|$)"
 )
-NO_MEASURED_ANGLES = re.compile(
-    rf"{_COMMANDED.pattern}|vel|acc|speed|tau|torque|effort|force|current|temp"
-)
+_NO_ANGLES = "vel|acc|speed|tau|torque|effort|force|temp"
+NO_MEASURED_ANGLES = re.compile(rf"{_COMMANDED.pattern}|{_NO_ANGLES}|current")
 """Words in the names of numbered joint values that are not measured angles."""
 _NORMAL_FORCE = re.compile(r"(.*_)?(normal_force|force_normal)")
 _FORCE = re.compile(
     r"(.*?)_?(?:(?<![a-z0-9])(?:(?:net)?fts?\d*(?:_raw|_sensor)?"
-    r"|f(?:_?(?:ext(?:_hat_k)?|tip|tool|tcp|eef?|base|wrist))?)|force)_?([xyz])"
+    r"|f(?:_?(?:ext(?:_hat_k)?|tool)|_tip)?)|force)_?([xyz])"
 )
 _TORQUE = re.compile(r"(?<![a-z0-9])t(?=_?[xyz]$)")
 # What differs between the names of two arms' columns.
 _SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
 NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
-    r"|speed|jerk|_dot|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
-    r"|(^|_)(f|v|a|w|r|q|m|d|omega|theta|tau|ori|err|error)$|^(q|v|a|w|b|f)_"
+    r"|speed|jerk|(^|_)[a-z]_dot|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
+    r"|(^|_)(f|v|a|w|r|q|m|d|omega|theta|tau|ori|err|error|f_?tool|f_tip)$|^(q|v|a|w|b)_"
     r"|(^|_)((net)?fts?\d*|imu|joy(stick)?)(_|$)"
 )
 """Words in the names of axes that are not positions."""
 # Words in the names of a tool's position.
 _TOOL = re.compile(r"(^|_)(tcp|tool|ee|eef|end_?eff\w*|flange)(_|$)")
+ANGLE = re.compile(
+    rf"(?!.*(?:{_NO_ANGLES}|current_j_?\d))"
+    r"(.*_)?(joints?(_angles?|_states?|_positions)?|theta|q|qpos|j(?=_?\d)|r[xyz]"
+    r"|(?<!wrist_)(?<!forearm_)(angle|roll|pitch|yaw))_?\d*(_pos(ition)?)?"
+)
+"""Name of an angle of a joint or an orientation, as `column_key` returns it."""
 _UNITS = (
-    (
-        re.compile(
-            r"(.*_)?(joints?(_angles?|_states?|_positions)?|theta|q|qpos|j(?=_?\d)|r[xyz]"
-            r"|(?<!wrist_)(?<!forearm_)(angle|roll|pitch|yaw))_?\d*(_pos(ition)?)?"
-        ),
-        "rad",
-    ),
+    (ANGLE, "rad"),
     (re.compile(r"(.*_)?(force(_?[xyz])?|f_?[xyz])"), "N"),
     (re.compile(r"(.*_)?torque(_?[xyz])?"), "Nm"),
 )
@@ -323,7 +323,7 @@ def _channels(
     """
     labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
     orientations = _groups(columns, _QUATERNION, "xyzw")
-    orientations = orientations or _groups(columns, _QUATERNION, "ijkw")
+    orientations = orientations or _groups(columns, _QUATERNION_IJK, "ijkw")
     lengths = [c for c in columns if _is_length(c)]
     keys = {c.key for c in columns}
     # Beside the force fx, fy and fz, tx, ty and tz are a torque, or the position of a pose
@@ -367,7 +367,7 @@ def _channels(
         )
     )
     kuka = {p: group for p, group in kuka.items() if _may_be_degrees(group)}
-    all_forces = _groups(columns, _FORCE, "xyz")
+    all_forces = _groups([c for c in columns if c.unit not in LENGTHS], _FORCE, "xyz")
     # Of a Franka arm's forces, that in the frame of its base (o) goes with its pose.
     measured_forces = {
         p: group

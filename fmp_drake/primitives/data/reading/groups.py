@@ -82,16 +82,17 @@ def column_groups(
         count = len(keys)
         width = next((n for n in (7, 12, 16) if 0 <= count - n <= 2), 0)
         numbered = {"": {n: count - width + n for n in range(width)}}
-    for prefix, elements in _matrices(keys):
-        numbered[prefix] = dict(enumerate(elements))
+    matrices = {p: dict(enumerate(elements)) for p, elements in _matrices(keys)}
+    numbered |= matrices
     for prefix, members in numbered.items():
         count, numbers = len(members), sorted(members)
         if not count or numbers not in (list(range(count)), list(range(1, count + 1))):
             continue
         sources = [members[n] for n in numbers]
-        if count in range(8, 16) and _STATE.fullmatch(prefix):
+        is_state = prefix not in matrices and _STATE.fullmatch(prefix)
+        if count in range(8, 16) and is_state:
             count, sources = 7, sources[:7]
-        stem = prefix.removesuffix("position")
+        stem = prefix if prefix in matrices else prefix.removesuffix("position")
         if stem != prefix and count > 3 and not _CARTESIAN.fullmatch(stem):
             yield _numbered_joints(table, stem, numbered, values)
             continue
@@ -221,9 +222,9 @@ def _recognise(
         numbers = np.hstack([values[:, :3], values[:, 3:][:, order]])
         return pose, [""] * 7, numbers, not stated
     first = 0
-    known = values[~np.any(np.isnan(values), axis=1)]
-    is_turning = np.any(known != known[:1])  # A constant one may be a covariance.
-    if count == 9 and (is_turning or _MATRICES.fullmatch(prefix)):  # No position.
+    if count == 9 and (
+        _MATRICES.fullmatch(prefix) or ("cov" not in prefix and _is_turning(values))
+    ):  # No position.
         first, count = 3, 12
         values = np.insert(values, [3, 6, 9], 0.0, axis=1)
     if count == 12:
@@ -232,6 +233,17 @@ def _recognise(
     if count == 16 and (poses := _matrix_poses(values)) is not None:
         return pose[first:], units[first:], poses[:, first:], False
     return None
+
+
+def _is_turning(values: Array) -> bool:
+    """Return whether values (N, 9) may be a rotation that changes.
+
+    A constant one may be a covariance. Only the first one must be orthonormal.
+    """
+    known = values[~np.any(np.isnan(values), axis=1)]
+    return are_orthonormal(known[:1].reshape(-1, 3, 3)) and bool(
+        np.any(known != known[:1])
+    )
 
 
 def _is_unit(quaternions: Array, error: float) -> bool:
