@@ -370,6 +370,21 @@ def test_times_have_names_of_other_languages_or_that_of_the_date(name, tmp_path)
     assert_allclose(found.time, files.TIME)
 
 
+@pytest.mark.parametrize(
+    "names", ["{},time", "{},clock [s]", ",{}", "time,{}", "clock [s],{}"]
+)
+@pytest.mark.parametrize("other", ["date", "temps", "goal.time_from_start"])
+def test_another_time_is_read_before_words_that_mean_something_else(
+    names, other, tmp_path
+):
+    others = files.TIME % 3 if "start" in other else 20190806 + 2 * files.TIME
+    both = [others, files.TIME] if names[0] == "{" else [files.TIME, others]
+    text = files.lines(*both, *files.PATH.T, header=f"{names.format(other)},x,y,z")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.time, files.TIME)
+    assert {*found.channels} == {other, "x", "y", "z"}
+
+
 def test_milliseconds_of_a_time_of_day_may_follow_a_colon(tmp_path):
     clock = [f"2019-08-06 10:25:{50 + t:06.3f}".replace(".", ":") for t in files.TIME]
     text = files.xyz(clock, header="time,x,y,z")
@@ -396,6 +411,31 @@ def test_samples_of_a_matrix_may_be_beside_one_another(names, delimiter, tmp_pat
     assert_allclose(found.values, files.PATH[:, [0, 2]])
 
 
+@pytest.mark.parametrize("form", ["comment", "no names", "a name is missing"])
+def test_few_samples_of_many_columns_are_not_channels(form, tmp_path):
+    time = files.TIME[:19]
+    markers = np.random.default_rng(1).normal(size=(60, 19))
+    names = ["time", *(f"m{i}" for i in range(60))]
+    if form == "a name is missing":
+        names[1] = ""
+    header = {"comment": "# ", "no names": None}.get(form, "")
+    header = header if header is None else header + ",".join(names)
+    text = files.lines(time, *markers, header=header)
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.time, time)
+    assert_allclose(found.values, markers.T)
+
+
+@pytest.mark.parametrize("delimiter", [",", " "])
+def test_a_line_of_a_channel_may_be_long(delimiter, tmp_path):
+    channels = np.vstack([np.arange(9000) / 100, np.ones((3, 9000)) / 3])
+    text = "".join(f"{delimiter.join(map(repr, row))}\n" for row in channels.tolist())
+    assert len(text) > 4 * 131072  # Python's limit of a cell.
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.time, channels[0])
+    assert_allclose(found.values, channels[1:].T)
+
+
 def test_samples_may_be_numbered_before_a_time_without_a_name(tmp_path):
     numbers = np.arange(len(files.TIME))
     text = files.lines(numbers, files.TIME, *files.PATH.T, *files.QUATERNIONS.T)
@@ -407,6 +447,25 @@ def test_samples_may_be_numbered_before_a_time_without_a_name(tmp_path):
     text = files.lines(numbers, files.TIME**3, *files.PATH.T)
     with pytest.raises(FmpError, match="no column holds the time"):
         read_demonstrations([files.write(tmp_path, text).path])
+
+
+@pytest.mark.parametrize("columns", ["index, count, time", "milliseconds, line"])
+def test_no_time_is_taken_from_counters_or_behind_a_time(columns, tmp_path):
+    numbers = np.arange(len(files.TIME))
+    first = {
+        "index, count, time": (numbers, numbers + 1, files.TIME),
+        "milliseconds, line": (20 * numbers, 0.05 * files.TIME),
+    }[columns]
+    text = files.lines(*first, *files.PATH.T)
+    with pytest.raises(FmpError, match=r"no column holds the time; .* time="):
+        read_demonstrations([files.write(tmp_path, text).path])
+
+
+def test_names_of_rows_may_end_with_a_colon(tmp_path):
+    rows = [f"sample {i}:" for i in range(len(files.TIME))]
+    text = files.lines(rows, files.TIME, *files.PATH.T, header="row,time,x,y,z")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.values, files.PATH)
 
 
 def test_properties_of_the_columns_of_a_force_plate_are_before_the_numbers(tmp_path):

@@ -22,14 +22,13 @@ from fmp_drake.primitives.data.reading.table import (
 _TIMES = (
     re.compile(r"(.*_)?(header_)?stamp"),
     re.compile(
-        r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds"
-        r"|time_from_start)"
+        r"(.*_)?(time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds)"
         r"|zeit|zeitstempel|uhrzeit|datum"
     ),
     re.compile(r"(.*_)?(time|timestamps?)_(mono(tonic)?|unix|utc)"),
 )
-# Names of times, unless there is one of these.
-_OTHER_TIMES = re.compile("date|tiempo|temps|tempo|ipoc")
+# Names of times that may be something else: times where nothing else is.
+_OTHER_TIMES = re.compile("date|tiempo|temps|tempo|ipoc|(.*_)?time_from_start")
 _NANOSECONDS = ("nsecs", "nsec", "nanosec")
 # Ranges of absolute times, s: since 1970, for dates from 2001 on; for ticks of 100 ns,
 # since the year 1 or 1601.
@@ -79,8 +78,7 @@ def time_column(
         if form.fullmatch(column.key) and (not column.suffix or column.suffix in TIMES)
     ]
     with_unit = [c for c in columns if c.header_unit in TIMES and c.is_increasing]
-    others = [c for c in columns if _OTHER_TIMES.fullmatch(c.key) and c.is_increasing]
-    candidates = candidates or others or with_unit
+    candidates = candidates or with_unit
     stamps = _stamps(columns)
     indices = {column.number for column in (*candidates, *sum(stamps, ()))}
     if options.sample_rate is not None:
@@ -103,8 +101,12 @@ def time_column(
     if not candidates:
         unnamed = [c for c in columns if not c.key]
         candidates = [c for c in unnamed[:1] if c.is_increasing and not c.is_counter]
-        if unnamed and unnamed[0].is_counter:  # Samples are numbered before the time.
-            candidates = [c for c in unnamed[1:2] if _is_steady(c)]
+        if unnamed and _numbers_samples(unnamed[0]):
+            second = [c for c in unnamed[1:2] if not _numbers_samples(c)]
+            candidates = [c for c in second if _is_steady(c)]
+        candidates = candidates or [
+            c for c in columns if _OTHER_TIMES.fullmatch(c.key) and c.is_increasing
+        ]
         if not candidates:
             raise SkillFileError(_missing_time(columns, listed, remarks))
         remarks.append(
@@ -139,6 +141,11 @@ def _is_steady(column: Column) -> bool:
     steps = np.diff(column.values)
     is_alike = np.abs(steps - np.median(steps)) <= 0.5 * np.median(steps)
     return bool(np.mean(is_alike) > _MOSTLY)
+
+
+def _numbers_samples(column: Column) -> bool:
+    """Return whether a column counts in steps of 1."""
+    return bool(np.all(np.diff(column.values) == 1))
 
 
 def _stamps(columns: Sequence[Column]) -> list[tuple[Column, ...]]:

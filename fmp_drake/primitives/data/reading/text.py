@@ -8,6 +8,7 @@ from array import array
 from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -241,13 +242,33 @@ def _with_samples_in_rows(lines: list[str]) -> list[str]:
     if not 1 < len(content) <= _MOST_ROWS:
         return []
     for delimiter in _DELIMITERS:
+        if delimiter != " " and delimiter not in content[0]:
+            continue
         rows = [split_cells(line, delimiter) for line in content]
         width = len(rows[0])
         if width > _FEWEST_SAMPLES and all(len(row) == width for row in rows):
-            are_numbers = [number_in(row[1]) is not None for row in rows]
-            cells = zip(*rows, strict=True) if all(are_numbers) else ()
+            are_channels = _are_channels(rows) and not any(
+                len(split_cells(_COMMENT.sub("", line), delimiter)) == width
+                for line in lines
+                if _COMMENT.match(line)
+            )
+            cells = zip(*rows, strict=True) if are_channels else ()
             return [delimiter.join(row) for row in cells]
     return []
+
+
+def _are_channels(rows: list[list[str]]) -> bool:
+    """Return whether rows are channels, not samples with a time in the first column."""
+    values = [list(map(number_in, row[:_FEWEST_SAMPLES])) for row in rows]
+    if any(value is None for row in values for value in row[1:]):
+        return False
+    firsts = [row[0] for row in values]
+    return any(_increase(row[1:]) for row in values) or not _increase(firsts)
+
+
+def _increase(values: Sequence[float | None]) -> bool:
+    """Return whether all values are numbers that increase."""
+    return all(a is not None and b is not None and a < b for a, b in pairwise(values))
 
 
 def _with_whole_cells(lines: list[str]) -> list[str]:
@@ -354,6 +375,8 @@ def _first_row(path: Path, lines: list[str]) -> tuple[int, str]:
         is_item = best == " " and lines[i].lstrip().startswith("- ")
         # A property of each column, such as `Rate (Hz):` of a force plate.
         is_property = best != " " and cells[0].endswith(":")
+        if is_property:  # Not the name of a row.
+            is_property = not split_cells(lines[content[-1]], best)[0].endswith(":")
         if (
             best
             and not (is_item or is_property)
