@@ -524,6 +524,47 @@ def test_joint_names_beside_arrays_name_their_columns(form, tmp_path):
     assert not any("joint_names" in remark for remark in remarks)
 
 
+@pytest.mark.parametrize("names", ["joint_names", "names"])
+@pytest.mark.parametrize(
+    ("words", "arrays"),
+    [
+        (["cup", "plate", "hand"], {"positions": files.PATH}),
+        (["waist", "shoulder", "elbow"], {"q": 100 * files.PATH}),
+        (["joint"] * 7, {"q": files.JOINTS}),
+        ([f"joint_{i}" for i in range(6)], {"q": files.JOINTS}),
+        (
+            [f"joint_{i}" for i in range(7)],
+            {"left.q": files.JOINTS, "right.q": 2 * files.JOINTS},
+        ),
+    ],
+)
+def test_names_that_may_not_be_those_of_the_joints_are_left_out(
+    names, words, arrays, tmp_path
+):
+    for name, extra in (("a", {}), ("b", {names: words})):
+        np.savez(tmp_path / name, t=files.TIME, **arrays, **extra)
+    (expected,), before = read_demonstrations([tmp_path / "a.npz"])
+    (found,), remarks = read_demonstrations([tmp_path / "b.npz"])
+    assert (found.channels, found.units) == (expected.channels, expected.units)
+    assert_allclose(found.values, expected.values)
+    assert f"{names} " in remarks[0]
+    for part in before:
+        assert part.removeprefix("a.npz: ") in remarks[0]
+
+
+def test_joint_names_leave_velocities_and_commands_as_they_are(tmp_path):
+    words = [f"arm_joint_{i}" for i in range(7)]
+    arrays = {"position": files.JOINTS, "velocity": 0 * files.JOINTS}
+    np.savez(tmp_path / "a.npz", t=files.TIME, name=words, **arrays)
+    (found,), remarks = read_demonstrations([tmp_path / "a.npz"])
+    assert found.channels == tuple(words)
+    assert "velocities and efforts of joints left out" in remarks[0]
+    arrays = {"desired.positions": files.JOINTS + 1, "actual.positions": files.JOINTS}
+    np.savez(tmp_path / "b.npz", t=files.TIME, joint_names=words, **arrays)
+    (found,), _ = read_demonstrations([tmp_path / "b.npz"])
+    assert_allclose(found.select(words).values, files.JOINTS)
+
+
 def test_stamps_in_seconds_and_nanoseconds_are_exact(tmp_path):
     whole, nanoseconds = np.divmod(files.STAMPS, 10**9)
     names = "header.stamp.sec,header.stamp.nanosec,x,y,z"

@@ -18,6 +18,7 @@ from fmp_drake.errors import SkillFileError
 from fmp_drake.numeric import Mask
 from fmp_drake.primitives.data.channels import listed
 from fmp_drake.primitives.data.files import FileFormat, read_npz
+from fmp_drake.primitives.data.reading.columns import ANGLE, NO_MEASURED_ANGLES
 from fmp_drake.primitives.data.reading.groups import are_orthonormal
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
@@ -25,6 +26,7 @@ from fmp_drake.primitives.data.reading.table import (
     ReadingOptions,
     Table,
     check_size,
+    column_key,
     readable,
     topic_choice,
 )
@@ -241,10 +243,10 @@ def table_of(
     """Return a table of arrays (N,) and (N, k) of equal length.
 
     The columns of an array (N, 3) are named `name_x` and so on, those of others `name_1`.
-    Matrices (N, 4, 4) have 16 columns, (N, 3, 4) 12, and rotations (N, 3, 3) 9. Words (N, k) that
-    stay the same may name columns, as of joints. Other arrays are left out. A rate (Hz), given or found among the arrays, adds a column of times. Where
-    the rows of several things alternate, those of the topic are read. Without `count`, N is
-    found.
+    Matrices (N, 4, 4) have 16 columns, (N, 3, 4) 12, and rotations (N, 3, 3) 9. Names of
+    joints, (N, k) or (k,), name their columns. Other arrays are left out. A rate (Hz), given
+    or found among the arrays, adds a column of times. Where the rows of several things
+    alternate, those of the topic are read. Without `count`, N is found.
     """
     count = _sample_count(arrays) if count is None else count
     if arrays and not count:
@@ -252,7 +254,7 @@ def table_of(
     arrays = _aligned(arrays, count)
     names, parts, omissions, remarks = [], [], [], []
     words: dict[str, str] = {}
-    place, joints = _joint_names(arrays, count)
+    place, angles, joints = _joint_names(arrays, count)
     chosen: Mask | None = None
     if rate is None and not any(map(_is_time, arrays)):
         rate = rate_in({n.rsplit(".", 1)[-1]: array for n, array in arrays.items()})
@@ -265,8 +267,8 @@ def table_of(
             if chosen is not None:
                 remarks.append(f"only rows with {topic} as {name}")
                 continue
-        is_table = array.ndim == 2 and len(array) == count
-        if is_table and array.dtype.kind in "OU" and np.all(array == array[0]):
+        is_table = array.ndim == 2 and len(array) == count and array.dtype.kind in "OU"
+        if is_table and _is_of(name, _JOINT_NAMES) and np.all(array == array[0]):
             words |= {f"{name}_{i}": str(word) for i, word in enumerate(array[0], 1)}
             continue
         is_numbers = array.dtype.kind in "biufmM"
@@ -280,10 +282,12 @@ def table_of(
         columns = np.asarray(array, dtype=float).reshape(count, -1)
         width = columns.shape[1]
         parts.append(columns)
-        if width == len(joints) and _JOINT_ANGLES.fullmatch(name.rsplit(".", 1)[-1]):
+        if name == angles and not name.endswith("position"):
             names += joints
-            joints = []  # Other values, such as velocities, are numbered.
             continue
+        if name == angles:  # Numbered as the velocities beside it.
+            stem = name.removesuffix("position")
+            words |= {f"{stem}name_{i}": word for i, word in enumerate(joints, 1)}
         axes: Sequence[Any] = "xyz" if width == 3 else range(1, width + 1)
         names += [
             f"{name}_{axis}" if name and array.ndim == 2 else name for axis in axes
@@ -309,16 +313,33 @@ def table_of(
 
 def _joint_names(
     arrays: Mapping[str, NDArray[Any]], count: int
-) -> tuple[str | None, list[str]]:
-    """Return the name and the words of an array `joint_names`, where there is one.
+) -> tuple[str | None, str | None, list[str]]:
+    """Return the names of joints, after those of their array and of the joints' angles.
 
-    Its length is not the number of samples, `count`.
+    There are none where it is unclear which of the arrays (`count`, k) is meant, or where
+    not all the words are different names of joints.
     """
     for name, array in arrays.items():
         is_list = array.ndim == 1 and array.dtype.kind in "OU" and len(array) != count
-        if is_list and _JOINT_NAMES.fullmatch(name.rsplit(".", 1)[-1]):
-            return name, [str(word) for word in array]
-    return None, []
+        if not (is_list and _is_of(name, _JOINT_NAMES)):
+            continue
+        joints = [str(word) for word in array]
+        angles = [
+            other
+            for other, values in arrays.items()
+            if values.shape == (count, len(joints))
+            and _is_of(other, _JOINT_ANGLES)
+            and not NO_MEASURED_ANGLES.search(column_key(other))
+        ]
+        are_joints = all(ANGLE.fullmatch(column_key(joint)) for joint in joints)
+        if are_joints and len({*joints}) == len(joints) and len(angles) == 1:
+            return name, angles[0], joints
+    return None, None, []
+
+
+def _is_of(name: str, form: re.Pattern[str]) -> bool:
+    """Return whether the last word of a name has a form."""
+    return form.fullmatch(name.rsplit(".", 1)[-1]) is not None
 
 
 def _sources(name: str, array: NDArray[Any]) -> list[str]:
