@@ -29,7 +29,7 @@ $(STAMP): pyproject.toml constraints.txt .python-version
 	            "$$("$(PYTHON)" --version 2>&1)." \
 	            "Install Python 3.12 (or uv, which installs it), or name one:" \
 	            "make PYTHON=/path/to/python3.12" >&2; exit 1; }; \
-	    rm -rf $(VENV) && "$(PYTHON)" -m venv $(VENV); \
+	    { [ ! -L $(VENV) ] || rm $(VENV); } && "$(PYTHON)" -m venv --clear $(VENV); \
 	fi
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	    --constraint constraints.txt --editable '.[dev]'

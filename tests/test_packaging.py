@@ -168,6 +168,23 @@ def test_make_runs_a_checkout_that_was_moved_with_its_environment(checkout, comm
     assert printed.strip() == f"-m fmp_drake {command} --seed 3"
 
 
+def write_programs(checkout, python):
+    """Write what makes an environment; return the folder of the other programs.
+
+    A copy of `python` is the Python of the environment that its last argument names.
+    """
+    programs = checkout / "programs"
+    programs.mkdir()
+    for name in ("sh", "rm", "mkdir", "touch", "cp"):
+        (programs / name).symlink_to(shutil.which(name))
+    python.write_text(
+        "#!/bin/sh\nfor last; do :; done\n"
+        'if [ "$last" = .venv ]; then mkdir -p .venv/bin && cp "$0" .venv/bin/python; fi\n'
+    )
+    python.chmod(0o755)
+    return programs
+
+
 @needs_make
 @pytest.mark.parametrize("program", ["uv", "python3"])
 def test_make_leaves_an_environment_alone_that_is_only_linked(checkout, program):
@@ -175,17 +192,16 @@ def test_make_leaves_an_environment_alone_that_is_only_linked(checkout, program)
     shared.mkdir()
     (shared / "kept").touch()
     (checkout / ".venv").symlink_to(shared)
-    programs = checkout / "programs"
-    programs.mkdir()
-    for name in ("sh", "rm", "mkdir", "touch", "cp"):
-        (programs / name).symlink_to(shutil.which(name))
-    # A copy of it is the Python of the environment that its last argument names.
-    stub = programs / program
-    stub.write_text(
-        "#!/bin/sh\nfor last; do :; done\n"
-        'if [ "$last" = .venv ]; then mkdir -p .venv/bin && cp "$0" .venv/bin/python; fi\n'
-    )
-    stub.chmod(0o755)
+    programs = write_programs(checkout, checkout / "programs" / program)
     run_make(checkout, ".venv/.installed", env={"PATH": str(programs)})
     assert (shared / "kept").exists()
     assert not (checkout / ".venv").is_symlink()
+
+
+@needs_make
+def test_make_renews_an_environment_that_is_active(checkout):
+    active = checkout / ".venv" / "bin"
+    active.mkdir(parents=True)
+    programs = write_programs(checkout, active / "python3")
+    run_make(checkout, ".venv/.installed", env={"PATH": f"{active}:{programs}"})
+    assert (active / "python").exists()
