@@ -35,7 +35,7 @@ from fmp_drake.experiments.benchmark.splits import (
     splits,
 )
 from fmp_drake.numeric import Array, Mask
-from fmp_drake.primitives.data.files import write_json
+from fmp_drake.primitives.data.files import write_text
 from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.processes import Workers, run_tasks
 
@@ -403,7 +403,7 @@ def write_scores(out: Path, scores: MethodScores) -> None:
             cleaning=others + scores.cleaning,
         )
     path = out / _file_name(scores.method)
-    write_json(path, asdict(scores), ExperimentError)
+    write_text(path, json.dumps(asdict(scores), indent=1) + "\n", ExperimentError)
 
 
 def _file_name(method: str) -> str:
