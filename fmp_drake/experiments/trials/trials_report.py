@@ -284,7 +284,8 @@ class TrialsReport:
             name="refused",
             title="Reasons for refusal, and runs although infeasible",
             shows=f"{len(self._refused)} are refused, {_percent(len(self._refused), n)}. "
-            f"{len(forced)} were run although infeasible, of which {passed} passed.",
+            f"{len(forced) or 'None'} were run although infeasible"
+            f"{f', of which {passed} passed' * bool(forced)}.",
             table=[["trial", "reason", "run although infeasible", "replay"], *rows]
             if rows
             else None,
