@@ -159,6 +159,24 @@ def test_an_arm_that_touches_itself_is_refused_with_the_bodies(folder, bundled_s
     assert re.search(touching, found.verdict)
 
 
+def test_what_it_says_about_an_arm_that_touches_itself_can_be_followed(
+    folder, bundled_skill
+):
+    text, pairs = re.sub(r"contact_free.*\n.*\n", "", ROBOT), []
+    for _ in range(3):
+        free = f"contact_free: {pairs}\n".replace("'", "")
+        (folder / "followed.yaml").write_text(text + free)
+        scenario = LoadScenario("table_top", robot=str(folder / "followed.yaml"))
+        found = CheckFeasibility(scenario, bundled_skill)
+        if found.is_feasible:
+            break
+        # A move of the board is not tried, as it cannot help.
+        assert found.verdict.endswith(" help: another posture, or contact_free.")
+        pair = re.search(r"path (\w+) and (\w+) touch", found.verdict)
+        pairs.append(list(pair.groups()))
+    assert sorted(pairs) == [["link4", "link6"], ["link5", "tool"]]
+
+
 def test_a_rate_of_torque_with_which_the_arm_oscillates_is_refused(
     folder, bundled_skill
 ):

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.geometry import SceneGraph
+from pydrake.geometry import GeometryId, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
@@ -25,6 +25,7 @@ from fmp_drake.station.reach.tracking_prediction import (
     times,
 )
 from fmp_drake.station.robots.robot import (
+    TOOL,
     CollectCollisionSpheres,
     FilterSelfContact,
     LoadRobot,
@@ -143,7 +144,7 @@ class ArmClearance:
         builder = DiagramBuilder()
         self._graph = graph = SceneGraph()
         robot = MakeRobotModel(config, tool, scene_graph=graph)
-        self._plant = robot.plant
+        self._plant, self._tool = robot.plant, robot.tool
         builder.AddSystem(robot.plant)
         builder.AddSystem(graph)
         source: Any = robot.plant.get_source_id()
@@ -172,7 +173,8 @@ class ArmClearance:
         -------
         touching : array of bool, shape (N,)
         bodies : str
-            Names of the pair that is deepest in one another; empty where none touches.
+            Names, as in `contact_free`, of the pair that is deepest in one another; empty where
+            none touches.
         """
         context = self._graph.GetMyContextFromRoot(self._root)
         touching, deepest, bodies = np.zeros(len(q), dtype=bool), 0.0, ""
@@ -182,10 +184,15 @@ class ArmClearance:
             for pair in query.ComputePointPairPenetration():
                 touching[i] = True
                 if pair.depth > deepest:
-                    frames = map(query.inspector().GetFrameId, (pair.id_A, pair.id_B))
-                    names = [self._plant.GetBodyFromFrameId(f).name() for f in frames]
+                    names = map(self._name, (pair.id_A, pair.id_B))
                     deepest, bodies = pair.depth, " and ".join(sorted(names))
         return touching, bodies
+
+    def _name(self, geometry: GeometryId) -> str:
+        """Return the name of a geometry's body in `contact_free`."""
+        frame = self._graph.model_inspector().GetFrameId(geometry)
+        body: Any = self._plant.GetBodyFromFrameId(frame)
+        return TOOL if body.model_instance() == self._tool else str(body.name())
 
     def nearest(
         self, q: Array, X_BW: Array, box: Array, curvature: Surface = PLANE
@@ -481,13 +488,22 @@ class BoardReach:
         return distance.reshape(shape), link
 
     def contacts(
-        self, motion: PredictedMotion, clearance: Array, link: str
-    ) -> list[str]:
-        """Return what is wrong if the arm is often too near the board, or touches itself.
+        self, X_WB: list[RigidTransform], motion: PredictedMotion, moved: Array
+    ) -> tuple[Array, list[str], str]:
+        """Return whether the arm is too near the board, or touches itself.
 
-        `clearance` and `link` are those of `clearance`.
+        The parameters are those of `clearance`.
+
+        Returns
+        -------
+        distance : array, shape (boards * B, T)
+            That of `clearance`.
+        faults : list of str
+        setting : str
+            What helps where the arm touches itself all along the paths.
         """
-        faults, bounds = [], self._bounds
+        faults, setting, bounds = list[str](), "", self._bounds
+        clearance, link = self.clearance(X_WB, motion, moved)
         near = np.mean(clearance < bounds.clearance)
         if near > bounds.exceptions:
             faults.append(
@@ -502,7 +518,8 @@ class BoardReach:
                 "choose another posture, or list them in contact_free in the robot's file if "
                 "they cannot meet"
             )
-        return faults
+            setting = "another posture, or contact_free" if np.all(touching) else ""
+        return clearance, faults, setting
 
     def start_force(self, posture: Array) -> float:
         """Return the greatest normal force at the start, N; infinite in free space."""

@@ -229,16 +229,14 @@ class _Check:
         except StationError:
             self._faults.append("the start is out of reach")
             posture = reach.near_postures(X_WB[:1], [0.0, 0.0, scenario.start[2]])[0]
-        postures = np.tile(posture, (len(X_WB), 1))
         motion = reach.follow(
             X_WB,
             self._paths,
             moved=self._displacement,
             step=self._step,
-            postures=postures,
+            postures=np.tile(posture, (len(X_WB), 1)),
             R_TE=self._R_TE,
         )
-        clearance, link = reach.clearance(X_WB, motion, self._displacement)
         deviation, error = reach.deviation(
             motion,
             self._paths,
@@ -247,7 +245,7 @@ class _Check:
             step=self._step,
         )
         lag, turn = map(_rms, lengths(deviation, has_rotation=self._R_TE is not None))
-        values, missed = self._judge_reach(motion, clearance, link, lag)
+        values, missed = self._judge_reach(motion, lag)
         values |= self._judge_speed(motion)
         values |= self._judge_force(motion, reach.start_force(posture))
         tempo = float(values["largest_tempo"])
@@ -369,9 +367,7 @@ class _Check:
     def _is_frequent(self, missed: Mask) -> bool:
         return float(np.mean(missed)) > self._bounds.exceptions
 
-    def _judge_reach(
-        self, motion: PredictedMotion, clearance: Array, link: str, lag: float
-    ) -> tuple[Values, Mask]:
+    def _judge_reach(self, motion: PredictedMotion, lag: float) -> tuple[Values, Mask]:
         """Return the values, and the samples that are out of reach or too near the board.
 
         For poses that are briefly out of reach, the predicted errors decide. That of the
@@ -381,7 +377,7 @@ class _Check:
         far, tilted, at_spring, margin = self._reach.missed(
             motion, has_rotation=has_rotation
         )
-        is_near, is_missed = clearance < bounds.clearance, far | tilted
+        is_missed = far | tilted
         distance, tilt = lengths(motion.error, has_rotation=has_rotation)
         rms = math.hypot(_rms(distance), self._reach.off_path(lag, self._friction_lag))
         is_far = self._is_frequent(far) and (
@@ -406,10 +402,14 @@ class _Check:
             text += f", where joint {_joint(-margin)} is at a joint-limit spring"
         if text:
             self._faults.append(text)
-        self._faults += self._reach.contacts(motion, clearance, link)
-        self._is_far = bool(self._faults)
-        faults, self._setting = self._reach.missing_board(self._paths)
+        clearance, faults, touching = self._reach.contacts(
+            self._X_WB, motion, self._displacement
+        )
         self._faults += faults
+        self._is_far = bool(self._faults)
+        faults, missing = self._reach.missing_board(self._paths)
+        self._faults += faults
+        self._setting = touching or missing
         values: Values = {}
         if has_rotation:
             values["largest_angle"] = np.max(tilt)
@@ -423,7 +423,7 @@ class _Check:
             "smallest_joint_margin": np.min(margin),
             "wall_fraction": np.mean(at_spring),
             "smallest_manipulability": np.min(motion.manipulability),
-        }, is_missed | is_near
+        }, is_missed | (clearance < bounds.clearance)
 
     def _judge_speed(self, motion: PredictedMotion) -> Values:
         """Return the values of the joints' speed."""

@@ -48,7 +48,9 @@ DEFAULT_ROBOT = "panda"
 Tool = EraserConfig | str
 """An eraser, `spoon`, or a model file (SDF or URDF) with the frames `mount` and `tip`."""
 
-_TOOL = "tool"  # Name of the tool's bodies in a group of `contact_free`.
+TOOL = "tool"
+"""Name of the tool's bodies in a group of `contact_free`."""
+
 _FELT = "eraser::felt"  # Compliant geometry, which has no spheres.
 # Of the spheres at the rims of a cylinder, rad.
 _RIM_ANGLES = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
@@ -347,7 +349,7 @@ def _CheckModel(
     bodies = {plant.get_body(i).name() for i in plant.GetBodyIndices(arm)}
     named = [("base", config.base, frames), ("flange", config.flange, frames)]
     groups = (name for group in config.contact_free for name in group)
-    named += [("contact_free", name, bodies | {_TOOL}) for name in groups]
+    named += [("contact_free", name, bodies | {TOOL}) for name in groups]
     for field_name, name, names in named:
         if name not in names:
             raise StationError(
@@ -517,8 +519,8 @@ def FilterSelfContact(robot: Robot, scene_graph: SceneGraph) -> None:
     plant, manager = robot.plant, scene_graph.collision_filter_manager()
     tool = [plant.get_body(i) for i in plant.GetBodyIndices(robot.tool)]
     for group in robot.config.contact_free:
-        bodies = [plant.GetBodyByName(b, robot.arm) for b in group if b != _TOOL]
-        bodies += tool if _TOOL in group else []
+        bodies = [plant.GetBodyByName(b, robot.arm) for b in group if b != TOOL]
+        bodies += tool if TOOL in group else []
         manager.Apply(
             CollisionFilterDeclaration().ExcludeWithin(
                 plant.CollectRegisteredGeometries(bodies)
