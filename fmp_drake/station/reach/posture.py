@@ -273,10 +273,8 @@ def StartForceLimit(scenario: Scenario, model: Robot, q: ArrayLike) -> float:
     q : array_like, shape (n,)
         Joint angles at the start, rad.
     """
-    R_WT, curvature = (
-        scenario.board.assumed_pose().rotation(),
-        scenario.board.curvature(),
-    )
+    board = scenario.board
+    R_WT, curvature = board.assumed_pose().rotation(), board.curvature()
     if not curvature.is_plane:
         u, v, _ = scenario.start
         R_WT = R_WT @ RotationMatrix(rotation(curvature, u, v))
