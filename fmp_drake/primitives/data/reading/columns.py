@@ -394,8 +394,8 @@ def _channels(
     if len(positions) > 1:
         measured = [p for p in positions if not _COMMANDED.fullmatch(p)] or positions
         prefix = max(measured, key=lambda p: bool(_TOOL.search(p)))
-        turned = [*_of_body(orientations, prefix).values()][:1]
-        chosen = sum(turned, positions[prefix])
+        orientation = next(iter(_of_body(orientations, prefix).values()), ())
+        chosen = (*positions[prefix], *orientation)
         pose = (*POSITION_CHANNELS, *QUATERNION_CHANNELS)
         remarks.append(_choice("positions", positions, pose, chosen))
     elif len(joints) > 1:

@@ -82,7 +82,7 @@ def column_groups(
         count = len(keys)
         width = next((n for n in (7, 12, 16) if 0 <= count - n <= 2), 0)
         numbered = {"": {n: count - width + n for n in range(width)}}
-    matrices = {p: dict(enumerate(elements)) for p, elements in _matrices(keys)}
+    matrices = _matrices(keys)
     numbered |= matrices
     for prefix, members in numbered.items():
         count, numbers = len(members), sorted(members)
@@ -126,15 +126,17 @@ def column_groups(
             yield Group(set(sources), list(_POSE[3:]), [""] * 4, values[:, sources])
 
 
-def _matrices(keys: Sequence[str]) -> Iterator[tuple[str, list[int]]]:
-    """Yield the prefix and the columns, row by row, of matrices such as `r11` to `r33`."""
+def _matrices(keys: Sequence[str]) -> dict[str, dict[int, int]]:
+    """Return prefix to number, row by row, to column of matrices such as `r11` to `r33`."""
     matrices: dict[str, dict[str, int]] = {}
     for i, name in enumerate(keys):
         if match := _ELEMENT.fullmatch(name):
             matrices.setdefault(match[1], {})[match[2] + match[3]] = i
-    for prefix, places in matrices.items():
-        if sorted(places) in _ELEMENTS:
-            yield prefix, [places[place] for place in sorted(places)]
+    return {
+        prefix: {n: places[place] for n, place in enumerate(sorted(places))}
+        for prefix, places in matrices.items()
+        if sorted(places) in _ELEMENTS
+    }
 
 
 def _numbered_joints(

@@ -171,11 +171,8 @@ _REFUSED = {
     "soffice --convert-to csv {path}",
     (257, b"ustar"): "an archive; unpack it and name its files: tar xf {path}",
     (0, b"\x02P"): "a C3D file; export it as .csv.",
-    (
-        0,
-        b"HIERARCHY",
-    ): "a BVH file, of joint angles of a skeleton; export the positions of its "
-    "joints as .csv.",
+    (0, b"HIERARCHY"): "a BVH file, of joint angles of a skeleton; export the "
+    "positions of its joints as .csv.",
 }
 # Readers of broken files, which name the damage.
 _ENDINGS: dict[str, _Reader] = {
