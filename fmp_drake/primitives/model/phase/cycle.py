@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fmp_drake.compiled import compiled
 from fmp_drake.numeric import Array
 
 # Ridge of a harmonic k is _RIDGE (k / _KNEE)^4 per sample.
@@ -19,8 +20,6 @@ ONE_CYCLE = 1.001
 _SAMPLES_PER_HARMONIC = 12
 # Phase in which the weight of samples rises from 0 at an end of a recording, rad.
 _RAMP = np.pi
-# Number of phases up to which the functions of all orders are computed at once.
-_FEW_PHASES = 50
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,8 +75,9 @@ class Cycle:
 
     def values(self, phase: ArrayLike, derivative: int = 0) -> Array:
         """Return the values at phases (...), or their derivative by phase, (..., D)."""
-        rows = _rows(np.asarray(phase, dtype=float), self.harmonics, derivative)
-        return rows @ self.coefficients
+        phases = np.asarray(phase, dtype=float)
+        values = _rows(phases.ravel(), self.harmonics, derivative) @ self.coefficients
+        return values.reshape(*phases.shape, -1)
 
     def modulated(self, factors: Array) -> "Cycle":
         """Return the cycle with its mean and harmonics times complex factors (h + 1, D)."""
@@ -184,19 +184,16 @@ def _end_weights(phase: Array) -> Array:
     return np.sin(np.pi / 2 * np.minimum(margin / ramp, 1.0)) ** 2
 
 
-def _rows(phase: Array, harmonics: int, derivative: int) -> Array:
-    out = np.empty((*phase.shape, 1 + 2 * harmonics))
-    out[..., 0] = derivative == 0
-    if phase.size <= _FEW_PHASES:
-        orders = np.arange(1, harmonics + 1)
-        rotated = (1j * orders) ** derivative * np.exp(1j * phase[..., None] * orders)
-        out[..., 1::2], out[..., 2::2] = rotated.real, rotated.imag
-        return out
-    # For many phases, repeated rotation takes less time than a sine and cosine of each order.
-    rotation = np.exp(1j * phase)
-    rotated = np.full_like(rotation, 1j**derivative)
-    for order in range(1, harmonics + 1):
-        rotated *= rotation
-        out[..., 2 * order - 1] = order**derivative * rotated.real
-        out[..., 2 * order] = order**derivative * rotated.imag
-    return out
+@compiled
+def _rows(phases: Array, harmonics: int, derivative: int) -> Array:
+    """Return 1 and the cosines and sines of all orders, or derivatives, (n, 1 + 2 h)."""
+    rows = np.empty((len(phases), 1 + 2 * harmonics))
+    rows[:, 0] = derivative == 0
+    for i, phase in enumerate(phases):
+        # Repeated rotation takes less time than a sine and cosine of each order.
+        rotation, rotated = np.exp(1j * phase), 1j**derivative
+        for order in range(1, harmonics + 1):
+            rotated *= rotation
+            rows[i, 2 * order - 1] = order**derivative * rotated.real
+            rows[i, 2 * order] = order**derivative * rotated.imag
+    return rows

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fmp_drake.compiled import compiled
 from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array
 
@@ -166,13 +167,7 @@ def parabola_top(values: Array, top: int) -> float:
     return top if curvature >= 0 else top + 0.5 * float((before - after) / curvature)
 
 
-def window_sums(values: Array, size: int) -> Array:
-    """Return the sums of values (n, ...) in windows, shape (n - size + 1, ...)."""
-    sums = np.zeros((len(values) + 1, *values.shape[1:]))
-    np.cumsum(values, axis=0, out=sums[1:])
-    return sums[size:] - sums[:-size]
-
-
+@compiled
 def similarity(values: Array, lag: int, width: int) -> Array:
     """Return how similar each segment (width, D) is to the one a lag later.
 
@@ -189,23 +184,36 @@ def similarity(values: Array, lag: int, width: int) -> Array:
     -------
     ndarray, shape (n - lag - width + 1,)
     """
-    span = lag + width
-    count = len(values) - span + 1
-    if count < 1:
-        return np.empty(0)
-    change = values[lag:] - values[:-lag]
-    distance = window_sums(np.vecdot(change, change), width)
-    mean = window_sums(values, span) / span
-    numbers = np.column_stack([values, np.vecdot(values, values)])
-    sums = window_sums(numbers, width)
-    totals, squares = sums[:, :-1], sums[:, -1]
-    energy = np.zeros(count)
-    for start in (0, lag):
-        total = totals[start:][:count]
-        energy += squares[start:][:count]
-        energy += np.vecdot(mean, width * mean - 2 * total)
-    least = _LEAST_ENERGY * width * float(values.var(axis=0).sum())
-    return np.where(energy > least, 1 - distance / np.maximum(energy, 1e-300), 0.0)
+    (n, d), span = values.shape, lag + width
+    # Of the samples before each one: values, their squares, and those of their changes.
+    sums = np.zeros((n + 1, d + 2))
+    for i in range(n):
+        square, change = 0.0, 0.0
+        for c in range(d):
+            sums[i + 1, c] = sums[i, c] + values[i, c]
+            square += values[i, c] ** 2
+            if i + lag < n:
+                change += (values[i + lag, c] - values[i, c]) ** 2
+        sums[i + 1, d], sums[i + 1, d + 1] = (
+            sums[i, d] + square,
+            sums[i, d + 1] + change,
+        )
+    variance = sums[n, d] / n
+    for c in range(d):
+        variance -= (sums[n, c] / n) ** 2
+    similar = np.zeros(max(n - span + 1, 0))
+    for i in range(len(similar)):
+        energy = 0.0
+        for start in (i, i + lag):
+            energy += sums[start + width, d] - sums[start, d]
+            for c in range(d):
+                mean = (sums[i + span, c] - sums[i, c]) / span
+                total = sums[start + width, c] - sums[start, c]
+                energy += mean * (width * mean - 2 * total)
+        if energy > _LEAST_ENERGY * width * variance:
+            distance = sums[i + width, d + 1] - sums[i, d + 1]
+            similar[i] = 1 - distance / max(energy, 1e-300)
+    return similar
 
 
 def local_periods(recordings: Sequence[Array]) -> list[float]:

@@ -8,7 +8,6 @@ from scipy.ndimage import uniform_filter1d
 
 from fmp_drake.numeric import Array, Indices, Mask, runs
 from fmp_drake.primitives.model.phase.cycle import Cycle, harmonics_of
-from fmp_drake.primitives.model.phase.period import window_sums
 from fmp_drake.primitives.model.phase.tracking import (
     FASTEST,
     best_labels,
@@ -209,12 +208,19 @@ def _moving_mean(values: Array, mask: Mask, size: int) -> Array:
     means = np.zeros_like(values)
     for a, b in runs(mask):
         width = min(size, b - a)
-        run = window_sums(values[a:b], width) / width
+        run = _window_sums(values[a:b], width) / width
         centres = np.clip(np.arange(b - a) - width // 2, 0, len(run) - 1)
         # Twice, since windows of a cycle that lasts longer or shorter have another mean.
         means[a:b] = uniform_filter1d(run[centres], width, axis=0, mode="nearest")
     times = np.arange(len(values))
     return np.column_stack([np.interp(times, inside, m[inside]) for m in means.T])
+
+
+def _window_sums(values: Array, size: int) -> Array:
+    """Return the sums of values (n, ...) in windows, shape (n - size + 1, ...)."""
+    sums = np.zeros((len(values) + 1, *values.shape[1:]))
+    np.cumsum(values, axis=0, out=sums[1:])
+    return sums[size:] - sums[:-size]
 
 
 def _normalised(values: Array, fit: Array, mask: Mask, size: int) -> Array:

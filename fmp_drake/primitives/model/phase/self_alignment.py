@@ -7,11 +7,7 @@ import numpy as np
 
 from fmp_drake.compiled import compiled
 from fmp_drake.numeric import Array, Indices, Mask
-from fmp_drake.primitives.model.phase.period import (
-    LONGEST_LAG,
-    SHORTEST_LAG,
-    window_sums,
-)
+from fmp_drake.primitives.model.phase.period import LONGEST_LAG, SHORTEST_LAG
 
 # Squared distance, relative to the variance of the states in one lag, up to which states are
 # similar, and the cost of a change of the lag by one sample; a sample at the mean speed gains
@@ -117,7 +113,7 @@ def self_alignments(
     """
     lags = np.arange(round(shortest), min(round(longest), len(recording) - 3) + 1)
     out: list[Alignment] = []
-    gains = _gains(recording, lags)
+    gains = _gains(recording - recording.mean(axis=0), lags)
     while len(lags) and (most is None or len(out) < most):
         scores, starts, ends, first_lags = _best_paths(gains, _CHANGE_COST)
         best = int(np.argmax(scores))
@@ -130,31 +126,42 @@ def self_alignments(
     return out
 
 
+@compiled
 def _gains(values: Array, lags: Indices) -> Array:
     """Return the gain of each pair of samples, by earlier sample and lag, (n, M).
 
     It is 1 for equal states at the mean speed, 0 at rest, and negative for different states.
     """
-    n, step = len(values), 0
-    values = values - values.mean(axis=0)
+    n, d = values.shape
     gains = np.full((n, len(lags)), _LEAST_GAIN)
-    for column, lag in enumerate(lags.tolist()):
-        if step != max(1, lag // _LAGS_PER_STEP):
-            step = max(1, lag // _LAGS_PER_STEP)
-            before = np.maximum(np.arange(n) - step, 0)
-            after = np.minimum(np.arange(n) + step, n - 1)
-            velocities = (values[after] - values[before]) / (after - before)[:, None]
-            squares = np.vecdot(velocities, velocities)
-        states = np.hstack([values, lag / (2 * np.pi) * velocities])
-        numbers = np.column_stack([states, np.vecdot(states, states), squares])
-        means = window_sums(numbers, lag + 1) / (lag + 1)
-        variance = means[:, -2] - np.sum(means[:, :-2] ** 2, axis=1)
-        distance = np.sum((states[lag:] - states[:-lag]) ** 2, axis=1)
-        mean_square = np.maximum(means[:, -1], 1e-300)
-        speed = np.sqrt(np.maximum(squares[lag:], squares[:-lag]) / mean_square)
-        gain = 1 - distance / (_SIMILAR * np.maximum(variance, 1e-300))
-        gain *= np.minimum(speed, _MOST_SPEED)
-        gains[: n - lag, column] = np.maximum(gain, _LEAST_GAIN)
+    # Values, velocities, and the squared lengths of the states and the velocities.
+    numbers, sums = np.empty((n, 2 * d + 2)), np.zeros((n + 1, 2 * d + 2))
+    for column, lag in enumerate(lags):
+        step = max(1, lag // _LAGS_PER_STEP)
+        for i in range(n):
+            before, after = max(i - step, 0), min(i + step, n - 1)
+            energy, square = 0.0, 0.0
+            for c in range(d):
+                velocity = (values[after, c] - values[before, c]) / (after - before)
+                rate = lag / (2 * np.pi) * velocity
+                numbers[i, c], numbers[i, d + c] = values[i, c], rate
+                energy += values[i, c] ** 2 + rate**2
+                square += velocity**2
+            numbers[i, 2 * d], numbers[i, 2 * d + 1] = energy, square
+            for c in range(2 * d + 2):
+                sums[i + 1, c] = sums[i, c] + numbers[i, c]
+        for i in range(n - lag):
+            j, width = i + lag, lag + 1
+            variance = (sums[j + 1, 2 * d] - sums[i, 2 * d]) / width
+            mean_square = (sums[j + 1, 2 * d + 1] - sums[i, 2 * d + 1]) / width
+            distance = 0.0
+            for c in range(2 * d):
+                variance -= ((sums[j + 1, c] - sums[i, c]) / width) ** 2
+                distance += (numbers[j, c] - numbers[i, c]) ** 2
+            square = max(numbers[j, 2 * d + 1], numbers[i, 2 * d + 1])
+            speed = np.sqrt(square / max(mean_square, 1e-300))
+            gain = 1 - distance / (_SIMILAR * max(variance, 1e-300))
+            gains[i, column] = max(gain * min(speed, _MOST_SPEED), _LEAST_GAIN)
     return gains
 
 
