@@ -310,14 +310,15 @@ def _fit(points: Array, shape: str, up: Array) -> FittedSurface:
     centre = points.mean(axis=0)
     local = (points - centre) @ up
     # Axes along which the distance from the centre of curvature counts.
-    is_curved = np.array([shape in ("dome", "bowl"), shape != "plane", True])
+    is_curved = np.array([shape in ("dome", "bowl"), shape != "plane", 1.0])
     sign = -1.0 if shape == "bowl" else 1.0
 
     def heights(x: Array) -> Array:
         # The height h solves g = h + k h^2 / 2; this is the numerically stable root.
-        q = local @ Rotation.from_rotvec(x[:3]).as_matrix().T - [0.0, 0.0, x[3]]
+        q = local @ surfaces.rotation_matrix(x[:3]).T
+        q[:, 2] -= x[3]
         k = sign * x[4]
-        g = q[:, 2] + k / 2 * np.sum((is_curved * q) ** 2, axis=1)
+        g = q[:, 2] + k / 2 * (q**2 @ is_curved)
         root: Array = np.sqrt(np.maximum(1 + 2 * k * g, 0.0))
         return 2 * g / (1 + root)
 
@@ -332,7 +333,7 @@ def _fit(points: Array, shape: str, up: Array) -> FittedSurface:
         for x in starts
     ]
     best = min(fits, key=lambda fit: float(fit.cost))
-    R = Rotation.from_rotvec(best.x[:3]).as_matrix()
+    R = surfaces.rotation_matrix(best.x[:3])
     residual = float(_TO_SIGMA * np.median(np.abs(heights(best.x))))
     fit = FittedSurface(
         shape=shape,
