@@ -77,7 +77,7 @@ class Cycle:
         """Return the values at phases (...), or their derivative by phase, (..., D)."""
         phases = np.asarray(phase, dtype=float)
         values = _rows(phases.ravel(), self.harmonics, derivative) @ self.coefficients
-        return values.reshape(*phases.shape, -1)
+        return values.reshape(*phases.shape, values.shape[1])
 
     def modulated(self, factors: Array) -> "Cycle":
         """Return the cycle with its mean and harmonics times complex factors (h + 1, D)."""
