@@ -41,28 +41,20 @@ def test_missing_picture_of_a_robot_is_found_before_it_is_used(refused, tmp_path
     assert message.endswith("a model may have no <visual>.\n")
 
 
-@pytest.mark.parametrize(
-    ("flange", "reverse", "message"),
-    [
-        ("ur5e_link4", False, "ur5e_joint5 does not move end_effector eraser_tip"),
-        ("ur5e_flange", True, "ur5e_joint1. Write the transmissions in the order of"),
-    ],
-)
 def test_a_robot_that_no_station_can_control_is_listed_with_the_reason(
-    command, tmp_path, flange, reverse, message
+    command, tmp_path
 ):
     urdf = (models_dir() / "ur5e" / "ur5e.urdf").read_text()
     urdf = re.sub("<visual>.*?</visual>", "", urdf, flags=re.DOTALL)
     pattern = "<transmission .*?</transmission>"
-    motors = re.findall(pattern, urdf, re.DOTALL)[:: -1 if reverse else 1]
+    motors = re.findall(pattern, urdf, re.DOTALL)[::-1]
     urdf = re.sub(pattern, lambda _: motors.pop(0), urdf, flags=re.DOTALL)
     (tmp_path / "mine.urdf").write_text(urdf)
     config = (models_dir() / "ur5e" / "ur5e.yaml").read_text()
-    config = config.replace("ur5e.urdf", "mine.urdf").replace("ur5e_flange", flange)
-    (tmp_path / "mine.yaml").write_text(config)
+    (tmp_path / "mine.yaml").write_text(config.replace("ur5e.urdf", "mine.urdf"))
     result = command("robots", tmp_path / "mine.yaml")
     assert result.code == 0
-    assert message in result.out
+    assert "ur5e_joint1. Write the transmissions in the order of" in result.out
     assert "next:" not in result.out
 
 

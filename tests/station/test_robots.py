@@ -346,7 +346,19 @@ WORLD = """<link name="world"/><joint name="fixed_base" type="fixed">
         ({}, {"base": "base_link"}, "base names base_link, which own.urdf does not"),
         ({}, {"contact_free": [["hand"]]}, "contact_free names hand, .* tool, ur5e"),
         ({"</robot>": FINGER.format("prismatic")}, {}, "grip .* revolute joints only"),
-        ({"</robot>": FINGER.format("revolute")}, {}, "7 joints. Give 7 .* fixed"),
+        (
+            {"</robot>": FINGER.format("revolute")},
+            {},
+            "^grip of own.urdf cannot be .* from the base ur5e_link0 to .* ur5e_flange",
+        ),
+        ({}, {"base": "ur5e_link2"}, "^ur5e_joint1, ur5e_joint2 of own.urdf cannot be"),
+        ({}, {"flange": "ur5e_link4"}, "^ur5e_joint5, ur5e_joint6 of own.urdf cannot"),
+        ({}, {"base": "ur5e_flange", "flange": "ur5e_link0"}, "1, .*6 of own.urdf can"),
+        (
+            {},
+            {"posture": [0.0] * 5, "joint_names": []},
+            "each of the 6 joints of own.urdf, ur5e_joint1, ur5e_.* fixed",
+        ),
         ({"<transmission.*?</transmission>": ""}, {}, "joint1, .* a transmission"),
         (
             {r' velocity="[^"]*"': ' velocity="0"'},

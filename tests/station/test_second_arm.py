@@ -216,5 +216,5 @@ def test_a_posture_of_another_length_is_refused(folder):
         LoadRobot(folder / "named.yaml")
     text = ROBOT.replace(f"posture: {POSTURE}", "posture: [0.0, 0.5]")
     (folder / "short.yaml").write_text(text)
-    with pytest.raises(StationError, match=r"its model has 6 joints. Give 6 angles"):
+    with pytest.raises(StationError, match=r"give an angle for each of the 6 joints"):
         MakeRobotModel(LoadRobot(folder / "short.yaml"))

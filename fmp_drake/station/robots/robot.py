@@ -357,31 +357,40 @@ def _CheckModel(
                 f"{', '.join(sorted(names))}."
             )
     joints = [plant.get_joint(i) for i in plant.GetJointIndices(arm)]
-    parents = {j.child_body().index(): j.parent_body().index() for j in joints}
-    if plant.world_body().index() in parents.values():
+    parents = {j.child_body().name(): j for j in joints}
+    if any(j.parent_body().index() == plant.world_body().index() for j in joints):
         raise StationError(
             f"{model} is joined to the world; remove this joint, because {config.base} is "
             "placed by base_pose."
         )
-
-    def depth(joint: Joint) -> int:
-        body, count = joint.child_body().index(), 0
-        while body in parents:
-            body, count = parents[body], count + 1
-        return count
-
-    # From the base to the flange, as in a plant, wherever they are in the file.
-    joints = sorted((j for j in joints if j.num_positions()), key=depth)
+    joints = [j for j in joints if j.num_positions()]
     if other := [j.name() for j in joints if j.type_name() != "revolute"]:
         raise StationError(
             f"{', '.join(other)} of {model} cannot be joints of an arm: it has revolute joints "
             'only. Make the joints of a gripper or a rail fixed (type="fixed").'
         )
+
+    def moving(frame: str) -> list[str]:
+        """Return the joints that move a frame, from the root of the model on."""
+        body, found = plant.GetFrameByName(frame, arm).body().name(), list[Joint]()
+        while body in parents:
+            found.insert(0, parents[body])
+            body = parents[body].parent_body().name()
+        return [j.name() for j in found if j.num_positions()]
+
+    below, order = moving(config.base), moving(config.flange)
+    if outside := sorted({j.name() for j in joints} - {*order} | {*below}):
+        raise StationError(
+            f"{', '.join(outside)} of {model} cannot be joints of an arm from the base "
+            f"{config.base} to the flange {config.flange}. Name the arm's first link as base and "
+            'its last one as flange, and make the joints of a gripper fixed (type="fixed").'
+        )
+    # As in a plant, wherever they are in the file.
+    joints.sort(key=lambda joint: order.index(joint.name()))
     if len(joints) != len(config.posture):
         raise StationError(
-            f"the posture of {Path(config.model).stem} is {config.posture}; its model "
-            f"has {len(joints)} joints. Give {len(joints)} angles, or make the joints "
-            "that are not the arm's fixed."
+            f"the posture is {config.posture}; give an angle for each of the {len(joints)} "
+            f"joints of {model}, {', '.join(order)}, or make some fixed."
         )
     # Only a finalized plant lists the actuators of one model.
     actuators = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
@@ -410,20 +419,17 @@ def _CheckModel(
             f"a joint of {model} mimics another one; make it fixed, or a joint of its own."
         )
     # Masses of the links, each with the bodies that are fixed to it.
-    masses = dict.fromkeys((j.child_body().index() for j in joints), 0.0)
-    for i in plant.GetBodyIndices(arm):
-        link = i
-        while link in parents and link not in masses:
-            link = parents[link]
-        if link in masses:
-            masses[link] += plant.get_body(i).default_mass()
-    if massless := [plant.get_body(i).name() for i, mass in masses.items() if not mass]:
+    masses = dict.fromkeys(order, 0.0)
+    for body in bodies:
+        for joint in moving(body)[-1:]:
+            masses[joint] += plant.GetBodyByName(body, arm).default_mass()
+    if massless := [j.child_body().name() for j in joints if not masses[j.name()]]:
         raise StationError(
             f"links of {model} have no mass: {', '.join(massless)}; give each its inertia."
         )
     check_posture(
         config.posture,
-        [joint.name() for joint in joints],
+        order,
         np.concatenate([joint.position_lower_limits() for joint in joints]),
         np.concatenate([joint.position_upper_limits() for joint in joints]),
     )
