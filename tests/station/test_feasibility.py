@@ -185,7 +185,7 @@ def test_skill_that_needs_more_torque_than_is_allowed_is_refused(bundled_skill):
     found = CheckFeasibility(Scenario(), bundled_skill, bounds=bounds)
     assert not found.is_feasible
     ratio = 100 * found.values["largest_torque_ratio"]
-    assert f"a joint needs {ratio:.0f} % of its torque" in found.verdict
+    assert f"needs {ratio:.0f} % of its greatest torque" in found.verdict
 
 
 def test_skill_that_is_too_fast_is_refused_and_the_tempo_helps(bundled_skill):

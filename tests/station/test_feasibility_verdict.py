@@ -209,7 +209,8 @@ def test_tilts_for_moments_are_judged_by_rms_and_largest(
     predicted.change = change
     found = CheckFeasibility(Scenario(), restless_skill)
     assert found.is_feasible == is_feasible
-    assert ("is out of reach, by up to 0 mm" in found.verdict) != is_feasible
+    expected = f"is out of reach, by up to 0 mm and {np.rad2deg(tilt):.0f} degrees"
+    assert (expected in found.verdict) != is_feasible
 
 
 def test_a_joint_at_its_spring_is_named_only_where_the_path_is_missed(
@@ -577,7 +578,8 @@ def test_too_much_torque_is_refused_and_a_smaller_press_helps(
     scenario.press.force = 250.0
     found = CheckFeasibility(scenario, restless_skill)
     # 95 of 87 Nm.
-    assert "a joint needs 109 % of its torque. What would help: press" in found.verdict
+    words = "joint 2 needs 109 % of its greatest torque. What would help: press"
+    assert words in found.verdict
     largest = (0.9 * 87 + 30) / 0.5
     assert found.values["largest_press"] == pytest.approx(largest)
     assert f"press with at most {int(largest)} N." in found.verdict

@@ -393,7 +393,7 @@ class _Check:
                 f"{100 * np.mean(is_missed):.1f} % of the path is out of reach, by up to "
                 f"{1e3 * np.max(distance):.0f} mm"
             )
-            if has_rotation:
+            if has_rotation or is_tilted:
                 text += f" and {np.rad2deg(np.max(tilt)):.0f} degrees"
         elif has_rotation and tilt_rms > bounds.orientation_error:
             text = f"the tool is off its orientation by {np.rad2deg(tilt_rms):.1f} degrees rms"
@@ -447,10 +447,8 @@ class _Check:
         effort = np.minimum(joints.upper_effort, -joints.lower_effort)
         friction_lag, tolerance = self._friction_lag, self._scenario.tolerance
         torque, per_newton = motion.torque / effort, motion.force_torque / effort
-        forces = np.asarray(self._force)[..., None]
-        ratio = np.quantile(
-            np.max(np.abs(torque + forces * per_newton), axis=-1), 1 - bounds.exceptions
-        )
+        load = np.abs(torque + np.asarray(self._force)[..., None] * per_newton)
+        ratio = np.quantile(np.max(load, axis=-1), 1 - bounds.exceptions)
         reserve = bounds.torque_fraction - np.sign(per_newton) * torque
         limits = np.min(reserve / np.maximum(np.abs(per_newton), 1e-9), axis=-1)
         limit = float(np.quantile(np.maximum(limits, 0.0), bounds.exceptions))
@@ -458,7 +456,9 @@ class _Check:
             limit = min(limit, force * tolerance / friction_lag)
         limit = min(limit, start_force)
         if ratio > bounds.torque_fraction and not self._faults:
-            self._faults.append(f"a joint needs {100 * ratio:.0f} % of its torque")
+            self._faults.append(
+                f"joint {_joint(load)} needs {100 * ratio:.0f} % of its greatest torque"
+            )
         elif self._scenario.press.force > start_force and not self._faults:
             self._faults.append(f"it can press with {start_force:.1f} N at the start")
         if not self._scenario.has_board:
