@@ -119,6 +119,11 @@ class FilmScene:
     camera : CameraConfig
     size : tuple of int
         Width and height, pixels.
+
+    Raises
+    ------
+    RunError
+        If the renderer cannot draw a mesh.
     """
 
     def __init__(
@@ -133,7 +138,13 @@ class FilmScene:
         params = RenderLights()
         params.backend = "EGL"
         engine = MakeRenderEngineVtk(params)
-        scene_graph.AddRenderer(self._graph_context, _RENDERER, engine)
+        try:
+            scene_graph.AddRenderer(self._graph_context, _RENDERER, engine)
+        except RuntimeError as error:
+            raise RunError(
+                f"the scene cannot be drawn: {error}. Correct the mesh; a model "
+                "may have no <visual>."
+            ) from None
         self._surface = plant.GetFrameByName("surface")
         eye = np.array(camera.eye)
         R_WC = RotationMatrix(CameraAxes(eye, np.array(camera.target)))

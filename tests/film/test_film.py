@@ -183,6 +183,25 @@ class TestInk:
         assert abs(board_pixels[1].max() - columns.max()) <= 1
 
 
+@pytest.mark.usefixtures("egl")
+def test_a_mesh_that_cannot_be_drawn_is_named(tmp_path):
+    (tmp_path / "face.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "arm.sdf").write_text(
+        """<sdf version="1.9"><model name="arm"><link name="link"><visual name="face">
+        <geometry><mesh><uri>face.obj</uri></mesh></geometry></visual></link>
+        <frame name="surface" attached_to="link"/></model></sdf>"""
+    )
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+    plant.set_name("plant")
+    Parser(plant).AddModels(str(tmp_path / "arm.sdf"))
+    plant.Finalize()
+    with pytest.raises(
+        RunError, match=r"cannot be drawn: .*normals.*face\.obj.*visual"
+    ):
+        FilmScene(builder.Build(), CAMERA, SIZE)
+
+
 def test_a_caption_is_drawn_at_the_lower_left():
     picture = Image.new("RGB", (320, 240), "white")
     draw_caption(picture, "12 s\nforce 9.8 N")
