@@ -95,6 +95,30 @@ def test_a_robot_without_shapes_or_that_touches_itself_is_listed_with_the_reason
     assert re.search(r"\w+ and \w+ touch each other in the posture", result.out)
 
 
+def test_a_mount_with_which_an_arm_reaches_much_farther_is_named(command, tmp_path):
+    folder = models_dir() / "ur5e"
+    urdf, text = ((folder / f"ur5e.{end}").read_text() for end in ("urdf", "yaml"))
+    limit = r'(name="ur5e_joint6".*?<limit )lower="[^"]*" upper="[^"]*"'
+    urdf, count = re.subn(limit, r'\1lower="-2" upper="2"', urdf, flags=re.DOTALL)
+    assert count == 1
+    (tmp_path / "ur5e.urdf").write_text(urdf)
+    file, mount = (
+        tmp_path / "mine.yaml",
+        "mount: {rpy: [0.0, 0.0, -1.5707963267948966]}",
+    )
+    assert mount in text
+    file.write_text(text)
+    whole = command("robots", file).out
+    assert "mount.rpy" not in whole
+    turned = text.replace(mount, "mount: {rpy: [0.0, 0.0, 1.5707963]}")
+    file.write_text(turned)
+    found = command("robots", file).out
+    reach = re.search(r"([\d.]+ m) +A Uni", whole)[1]
+    words = "With mount.rpy [0.0, 0.0, -1.5708], the tool turned by 180 degrees on the"
+    assert f"{words} flange, the reach would be {reach}." in found
+    assert "next:" not in found
+
+
 def test_a_joint_that_is_too_light_is_named_with_the_key_that_mends_it(
     command, tmp_path
 ):

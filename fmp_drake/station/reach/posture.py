@@ -1,7 +1,5 @@
 """Postures of an arm for poses of its tool, and the normal force in a posture."""
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
@@ -25,8 +23,9 @@ _LIMIT_MARGIN = 0.03
 _SPRING_DISTANCE = 0.005
 # Random initial guesses where the preferred posture leads to no solution.
 _GUESSES = 16
-# Height of the felt in `FindLevelReach`, m.
-_LEVEL_HEIGHT = 0.10
+LEVEL_HEIGHT = 0.10
+"""Height of the felt in `FindLevelReach`, m."""
+
 TORQUE_FRACTION = 0.8
 """Fraction of the joints' torque limits for the normal force and the weight."""
 
@@ -178,32 +177,27 @@ def _SolveFrom(
     return result.GetSolution(ik.q()) if result.is_success() else None
 
 
-def FindLevelReach(robot: Robot) -> float:
+def FindLevelReach(robot: Robot, *, turn: float = 0.0) -> float:
     """Find the greatest distance at which an arm holds the eraser level, 0.1 m high, m.
 
-    The distance is along x of the world from the robot's base, in steps of 1 cm.
+    The distance is along x of the world from the robot's base, in steps of 1 cm; 0 where
+    the arm reaches nothing from 0.2 to 2 m.
 
     Parameters
     ----------
     robot : Robot
         Of `MakeRobotModel`.
-
-    Raises
-    ------
-    StationError
-        Where the arm reaches nothing from 0.2 to 2 m.
+    turn : float
+        Of the eraser about its z, beyond the robot's mount, rad.
     """
-    level = RotationMatrix(RollPitchYaw(np.array([np.pi, 0.0, 0.0])))
+    level = RotationMatrix(RollPitchYaw(np.array([np.pi, 0.0, turn])))
     base_x, base_y, _ = robot.config.base_pose.translation
     posture = np.array(robot.config.posture)
     for x in np.arange(2.0, 0.2, -0.01):
-        X_WE = RigidTransform(level, np.array([base_x + x, base_y, _LEVEL_HEIGHT]))
+        X_WE = RigidTransform(level, np.array([base_x + x, base_y, LEVEL_HEIGHT]))
         if _SolveFrom(posture, robot.plant, robot.tip, X_WE) is not None:
             return float(x)
-    raise StationError(
-        f"{Path(robot.config.model).stem} cannot hold the eraser level anywhere from "
-        f"0.2 to 2 m in front of it, {_LEVEL_HEIGHT:g} m high; check its mount and posture."
-    )
+    return 0.0
 
 
 def ArmForceLimit(
