@@ -2,12 +2,13 @@
 
 import re
 import shutil
+from itertools import product
 
 import numpy as np
 import pytest
 import yaml
 from numpy.testing import assert_allclose
-from pydrake.geometry import Convex, Role, SceneGraph, Sphere
+from pydrake.geometry import Convex, Ellipsoid, Mesh, Role, SceneGraph, Sphere
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
@@ -22,9 +23,9 @@ from scipy.spatial.transform import Rotation
 from fmp_drake.errors import StationError
 from fmp_drake.station import LoadRobot, Scenario, models_dir
 from fmp_drake.station.board_scene import AddBoardScene
+from fmp_drake.station.robots.collision_spheres import CollectCollisionSpheres
 from fmp_drake.station.robots.robot import (
     AddRobot,
-    CollectCollisionSpheres,
     FilterSelfContact,
     MakeRobotModel,
     RobotConfig,
@@ -279,10 +280,33 @@ def test_a_sphere_is_one_of_the_collision_spheres():
     assert_allclose(found.radii, [0.03])
 
 
+def test_a_mesh_has_spheres_at_the_vertices_that_are_farthest_in_all_directions(
+    tmp_path,
+):
+    corners = np.array([*product((0.0, 30.0), (0.0, 40.0), (0.0, 50.0))])
+    inside = np.full((1, 3), 20.0)
+    file = tmp_path / "box_in_mm.obj"
+    points = np.vstack([corners, inside])
+    lines = [f"v {x} {y} {z}\n" for x, y, z in points]
+    file.write_text("".join(lines) + "f 1 2 3\nf 1 3 9\n")  # Open.
+    shapes = Mesh(str(file), 0.001), Convex(0.001 * points.T, "box")
+    for shape in shapes:
+        found = collision_spheres(shape)
+        order = np.lexsort(found.points.T[::-1])
+        expected = 0.001 * corners + [0.2, 0.0, 0.0]
+        assert_allclose(found.points[order], expected, atol=1e-12)
+        assert not np.any(found.radii)
+    directions = np.random.default_rng(0).normal(size=(400, 3))
+    ball = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    found = collision_spheres(Convex(ball.T, "ball"))
+    assert len(found.points) <= 26
+    farthest = np.max((found.points - [0.2, 0.0, 0.0]) @ ball.T, axis=0)
+    assert np.min(farthest) > 0.8
+
+
 def test_collision_geometry_that_cannot_be_checked_is_refused():
-    corners = np.random.default_rng(0).normal(size=(3, 9))
-    with pytest.raises(StationError, match="bulge is a Convex; use boxes"):
-        collision_spheres(Convex(corners, "bulge"))
+    with pytest.raises(StationError, match="bulge of link is of type Ellipsoid; use"):
+        collision_spheres(Ellipsoid(0.1, 0.2, 0.3))
     with pytest.raises(StationError, match="the robot arm has no collision geometry"):
         collision_spheres()
 

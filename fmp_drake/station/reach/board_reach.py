@@ -24,9 +24,9 @@ from fmp_drake.station.reach.tracking_prediction import (
     lengths,
     times,
 )
+from fmp_drake.station.robots.collision_spheres import CollectCollisionSpheres
 from fmp_drake.station.robots.robot import (
     TOOL,
-    CollectCollisionSpheres,
     FilterSelfContact,
     LoadRobot,
     MakeRobotModel,

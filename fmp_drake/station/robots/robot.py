@@ -1,24 +1,14 @@
-"""Robots: configuration (a YAML file beside a URDF), models in plants, rigid geometry."""
+"""Robots: configuration (a YAML file beside a URDF), and models in plants."""
 
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydrake.geometry import (
-    Box,
-    Capsule,
-    CollisionFilterDeclaration,
-    Cylinder,
-    Role,
-    SceneGraph,
-    Sphere,
-)
+from numpy.typing import ArrayLike
+from pydrake.geometry import CollisionFilterDeclaration, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -50,10 +40,6 @@ Tool = EraserConfig | str
 
 TOOL = "tool"
 """Name of the tool's bodies in a group of `contact_free`."""
-
-_FELT = "eraser::felt"  # Compliant geometry, which has no spheres.
-# Of the spheres at the rims of a cylinder, rad.
-_RIM_ANGLES = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
 
 
 @dataclass(kw_only=True)
@@ -270,7 +256,8 @@ def AddRobot(
     packages = parser.package_map()
     hint = (
         " Meshes are found relative to the model, or in its package, a folder with a "
-        "package.xml around it; a model may have no <visual>."
+        "package.xml around it; those of a <collision> are .obj, .gltf or .vtk files, and a "
+        "model may have no <visual>."
     )
     if Path(config.model).suffix.lower() == ".xacro":
         raise StationError(
@@ -532,72 +519,3 @@ def FilterSelfContact(robot: Robot, scene_graph: SceneGraph) -> None:
                 plant.CollectRegisteredGeometries(bodies)
             )
         )
-
-
-class CollisionSpheres(NamedTuple):
-    """Spheres that approximate the rigid collision geometry of a model.
-
-    Attributes
-    ----------
-    bodies : array of int, shape (N,)
-        Indices in the plant.
-    points : array, shape (N, 3)
-        Centres of the spheres in the frames of their bodies, m.
-    radii : array, shape (N,)
-        m.
-    """
-
-    bodies: NDArray[np.int_]
-    points: Array
-    radii: Array
-
-
-def CollectCollisionSpheres(
-    plant: MultibodyPlant, scene_graph: SceneGraph, model: ModelInstanceIndex
-) -> CollisionSpheres:
-    """Collect the spheres of a model: corners, rims, and five along each capsule.
-
-    Raises
-    ------
-    StationError
-        Where a shape is not a box, capsule, cylinder or sphere, or there is none.
-    """
-    inspector = scene_graph.model_inspector()
-    bodies, points, radii = [], [], []
-    for g in inspector.GetAllGeometryIds(Role.kProximity):
-        body: Any = plant.GetBodyFromFrameId(inspector.GetFrameId(g))
-        if body.model_instance() != model or inspector.GetName(g) == _FELT:
-            continue
-        shape = inspector.GetShape(g)
-        if not isinstance(shape, Box | Capsule | Cylinder | Sphere):
-            raise StationError(
-                f"the collision geometry {inspector.GetName(g)} is a "
-                f"{type(shape).__name__}; use boxes, capsules, cylinders or spheres."
-            )
-        centres, radius = _spheres(shape)
-        X_BodyG = inspector.GetPoseInFrame(g)
-        R_BodyG = X_BodyG.rotation().matrix()
-        points.append(centres @ R_BodyG.T + X_BodyG.translation())
-        bodies += [int(body.index())] * len(centres)
-        radii += [radius] * len(centres)
-    if not bodies:
-        raise StationError(
-            f"the robot {plant.GetModelInstanceName(model)} has no collision geometry; "
-            "give its links boxes, capsules, cylinders or spheres."
-        )
-    return CollisionSpheres(np.array(bodies), np.vstack(points), np.array(radii))
-
-
-def _spheres(shape: Any) -> tuple[Array, float]:
-    """Return centres, shape (N, 3), and radius of the spheres of a shape, m."""
-    ends = (-0.5, 0.0, 0.5)
-    if isinstance(shape, Box):
-        return np.array(list(product(ends, ends, ends))) * shape.size(), 0.0
-    if isinstance(shape, Capsule):
-        heights = np.linspace(-0.5, 0.5, 5)[:, None] * shape.length()
-        return heights * np.array([0.0, 0.0, 1.0]), shape.radius()
-    if isinstance(shape, Sphere):
-        return np.zeros((1, 3)), shape.radius()
-    r, length = shape.radius(), shape.length()
-    rims = product(_RIM_ANGLES, ends)
-    return np.array([[r * np.cos(a), r * np.sin(a), e * length] for a, e in rims]), 0.0

@@ -10,7 +10,7 @@ from fmp_drake.numeric import Array
 from fmp_drake.station.arm_controller import AddNormalForceEstimator
 from fmp_drake.station.board_scene import BODIES, BoardScene, Connect
 from fmp_drake.station.models.whiteboard import BoardBox
-from fmp_drake.station.robots.robot import CollectCollisionSpheres
+from fmp_drake.station.robots.collision_spheres import CollectCollisionSpheres
 from fmp_drake.station.scenario import Scenario
 from fmp_drake.station.tasks.following import Following
 from fmp_drake.station.tasks.task import Measurements, Task
