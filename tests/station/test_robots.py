@@ -260,6 +260,28 @@ def test_the_groups_without_contact_filter_every_pair_of_neighbours(name):
                 assert inspector.CollisionFiltered(a, b), (parent, child)
 
 
+def test_a_link_named_tool_is_in_the_groups_of_the_tool(tmp_path):
+    file = _own(
+        tmp_path,
+        {"ur5e_link6": "tool", "package://fmp_drake/ur5e": str(models_dir() / "ur5e")},
+        contact_free=[["ur5e_link4", "tool"]],
+    )
+    scene_graph = SceneGraph()
+    robot = MakeRobotModel(LoadRobot(file), scene_graph=scene_graph)
+    FilterSelfContact(robot, scene_graph)
+    inspector, plant = scene_graph.model_inspector(), robot.plant
+    wrist, link, eraser = (
+        plant.GetCollisionGeometriesForBody(plant.GetBodyByName(name, model))[0]
+        for name, model in (
+            ("ur5e_link4", robot.arm),
+            ("tool", robot.arm),
+            ("eraser", robot.tool),
+        )
+    )
+    assert inspector.CollisionFiltered(wrist, link)
+    assert inspector.CollisionFiltered(wrist, eraser)
+
+
 def collision_spheres(shape=None):
     """Return the spheres of a body with a shape 0.2 m beside it."""
     builder = DiagramBuilder()

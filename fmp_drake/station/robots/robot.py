@@ -39,7 +39,7 @@ Tool = EraserConfig | str
 """An eraser, `spoon`, or a model file (SDF or URDF) with the frames `mount` and `tip`."""
 
 TOOL = "tool"
-"""Name of the tool's bodies in a group of `contact_free`."""
+"""Name of the tool's bodies in a group of `contact_free`, and of a link of this name."""
 
 
 @dataclass(kw_only=True)
@@ -512,7 +512,8 @@ def FilterSelfContact(robot: Robot, scene_graph: SceneGraph) -> None:
     plant, manager = robot.plant, scene_graph.collision_filter_manager()
     tool = [plant.get_body(i) for i in plant.GetBodyIndices(robot.tool)]
     for group in robot.config.contact_free:
-        bodies = [plant.GetBodyByName(b, robot.arm) for b in group if b != TOOL]
+        names = [b for b in group if plant.HasBodyNamed(b, robot.arm)]
+        bodies = [plant.GetBodyByName(b, robot.arm) for b in names]
         bodies += tool if TOOL in group else []
         manager.Apply(
             CollisionFilterDeclaration().ExcludeWithin(
