@@ -96,7 +96,7 @@ def test_the_board_bears_what_a_brake_pushes_along_its_normal(excess, direction)
 def test_the_force_rises_as_in_damped_springs_with_the_felt():
     # Unit masses along the board's x and normal, and joint 4 between both.
     zeta, felt = 0.7, 2000.0
-    pose, found = deviation(moving(1.8), felt=felt, damping_ratio=zeta)
+    pose, found, _ = deviation(moving(1.8), felt=felt, damping_ratio=zeta)
     a = np.array([np.cos(ANGLE), np.sin(ANGLE)])
     D, K = 2 * zeta * np.sqrt([1500.0, 200.0]), np.diag([1500.0, 200.0 + felt])
     x, v, expected = np.zeros(2), np.zeros(2), []
@@ -128,6 +128,22 @@ def test_only_braked_paths_have_an_error():
     assert np.all(forces[[0, 2]] == 0)
     assert_allclose(forces[3], -forces[1])
     assert_allclose(forces[1], error(moving(1.8))[0])
+
+
+def test_what_hinders_the_arm_is_told_with_the_joint_and_its_part_of_the_path():
+    motion = moving([1.69, 1.8])
+    assert deviation(moving(1.69)).hindrance == ""
+    braked = "joint 4 is braked on 50.0 % of the path"
+    assert deviation(motion).hindrance == braked
+    motion.v[1, :8, 6] = 9.0  # Joint 7 is braked less often.
+    assert deviation(motion).hindrance == braked
+    motion.q[:, :20, 2] = 1.95
+    motion.q[0, :4, 5] = -0.95
+    at_limit = "joint 3 is at its limit on 25.0 % of the path"
+    assert deviation(motion).hindrance == f"{braked}, {at_limit}"
+    motion.M[0, :16, 0, 0] = 1e9
+    singular = "the arm is nearly singular on 10.0 % of the path"
+    assert deviation(motion).hindrance == f"{braked}, {at_limit}, {singular}"
 
 
 @pytest.mark.parametrize("side", [1, -1])

@@ -212,7 +212,8 @@ def test_skill_whose_eraser_would_lag_behind_is_refused(bundled_skill):
     found = CheckFeasibility(scenario, bundled_skill, bounds=bounds)
     assert not found.is_feasible
     assert re.search(
-        r"braked, .* and the tool is off its path by [\d.]+ mm", found.verdict
+        r"joint 7 is braked on .* and the tool is off its path by [\d.]+ mm",
+        found.verdict,
     )
 
 

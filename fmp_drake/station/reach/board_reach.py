@@ -274,16 +274,6 @@ class BoardReach:
         self.rail = scenario.board.motion.amplitude * scenario.board.rail_axis()
         self._surface = scenario.board.curvature()
 
-    @property
-    def hindrance(self) -> str:
-        """What can keep the joints from following the motion, in words of a verdict."""
-        words = "braked, nearly singular or at their limits"
-        if largest := np.max(self.damping):
-            words = (
-                f"damped by up to {largest:g} Nm s/rad in the robot's model, {words}"
-            )
-        return words
-
     def start_posture(self) -> Array:
         """Return the posture of a station at the start, shape (n,).
 
@@ -559,7 +549,7 @@ class BoardReach:
         the error of the force. `paths` are those of `follow`, the other parameters those of
         `predict_deviation`.
         """
-        pose, error = predict_deviation(
+        pose, error, words = predict_deviation(
             self._scenario.impedance,
             self.limits,
             motion,
@@ -572,7 +562,12 @@ class BoardReach:
         depth = depth - np.clip(depth, -RESIDUAL, RESIDUAL)
         pressed = self.pressed(paths, len(motion.q) // len(paths))
         felt = np.where(pressed, self._contact.stiffness * depth, 0.0)
-        return Deviation(pose, error + felt)
+        if largest := np.max(self.damping):
+            damped = (
+                f"joints are damped by up to {largest:g} Nm s/rad in the robot's model"
+            )
+            words = f"{damped}, {words}" if words else damped
+        return Deviation(pose, error + felt, words)
 
     def moves_into_reach(
         self, paths: Array, moved: Array, step: float, R_TE: Array | None = None

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, Mask
 from fmp_drake.station.reach.tracking_prediction import (
     FeltContact,
     PredictedMotion,
@@ -39,10 +39,13 @@ class Deviation(NamedTuple):
     force : array, shape (B, T)
         Actual minus desired normal force, N. The board cannot pull: where it is less than
         minus the desired force, contact is lost.
+    hindrance : str
+        What keeps the arm from following the motion, in words; empty where nothing does.
     """
 
     pose: Array
     force: Array
+    hindrance: str = ""
 
 
 def predict_deviation(
@@ -85,7 +88,7 @@ def predict_deviation(
     shape, walls = motion.q.shape[:2], config.walls
     deviation = Deviation(np.zeros((*shape, 6)), np.zeros(shape))
     slowest, fastest = _allowed_speeds(walls, limits, motion.q)
-    is_braked = np.any((motion.v < slowest) | (motion.v > fastest), axis=(1, 2))
+    is_braked = (motion.v < slowest) | (motion.v > fastest)
     # As in `task_modes`: the trace of the scaled Λ is more than its largest eigenvalue.
     scale = _scale(config)
     mobility = motion.J @ np.linalg.solve(motion.M, motion.J.mT) * scale * scale.T
@@ -93,10 +96,14 @@ def predict_deviation(
     x = motion.q - limits.middle
     edge = np.minimum(limits.half_range, _FAR) - walls.width
     at_wall = np.abs(x) >= edge - 1e-6
-    paths = is_braked | np.any(inertia > config.max_effective_mass, axis=1)
-    paths |= np.any(at_wall, axis=(1, 2)) | np.any(joint_damping)
+    is_singular = inertia > config.max_effective_mass
+    is_hindered = np.any(is_braked | at_wall, axis=-1) | is_singular
+    paths = np.any(is_hindered, axis=1) | np.any(joint_damping)
     if not np.any(paths):
         return deviation
+    deviation = deviation._replace(
+        hindrance=_hindrance(is_braked, at_wall, is_singular)
+    )
     M, J, v, q = motion.M[paths], motion.J[paths], motion.v[paths], motion.q[paths]
     x, slowest, fastest = x[paths], slowest[paths], fastest[paths]
     damping, stiffness, N = _closed_loop(config, M, J, mobility[paths])
@@ -139,6 +146,21 @@ def predict_deviation(
     deviation.force[paths] = _controlled(config, np.stack(forces, axis=1), step)
     deviation.pose[paths] = np.stack(poses, axis=1)
     return deviation
+
+
+def _hindrance(is_braked: Mask, at_wall: Mask, is_singular: Mask) -> str:
+    """Return the joints that are most often braked and at a limit, and singularities."""
+    words = []
+    for what, mask in (("braked", is_braked), ("at its limit", at_wall)):
+        fractions = np.mean(mask, axis=(0, 1))
+        joint = int(np.argmax(fractions))
+        if fractions[joint] > 0:
+            on = f"on {100 * fractions[joint]:.1f} % of the path"
+            words.append(f"joint {joint + 1} is {what} {on}")
+    if np.any(is_singular):
+        on = f"on {100 * np.mean(is_singular):.1f} % of the path"
+        words.append(f"the arm is nearly singular {on}")
+    return ", ".join(words)
 
 
 def _allowed_speeds(

@@ -237,7 +237,7 @@ class _Check:
             postures=np.tile(posture, (len(X_WB), 1)),
             R_TE=self._R_TE,
         )
-        deviation, error = reach.deviation(
+        deviation, error, hindrance = reach.deviation(
             motion,
             self._paths,
             force=float(np.max(self._force)),
@@ -249,7 +249,7 @@ class _Check:
         values |= self._judge_speed(motion)
         values |= self._judge_force(motion, reach.start_force(posture))
         tempo = float(values["largest_tempo"])
-        values |= self._judge_deviation(lag, turn, error, tempo)
+        values |= self._judge_deviation(lag, turn, error, tempo, hindrance)
         values |= self._judge_pushes(motion)
         if not self._faults:
             self._faults, self._setting = reach.oscillation(motion, self._step)
@@ -477,7 +477,7 @@ class _Check:
         }
 
     def _judge_deviation(
-        self, lag: float, turn: float, error: Array, tempo: float
+        self, lag: float, turn: float, error: Array, tempo: float, hindrance: str
     ) -> Values:
         """Return the rms deviation of the tool and the errors (B, T) of its normal force."""
         has_board, bounds = self._scenario.has_board, self._bounds
@@ -515,7 +515,7 @@ class _Check:
         elif has_board and values["force_error"] > allowed:
             text = f"the normal force is off by {values['force_error']:.1f} N rms"
         if text:
-            self._faults.append(f"joints are {self._reach.hindrance}, and {text}")
+            self._faults.append(f"{hindrance}, and {text}" if hindrance else text)
             if np.any(self._reach.damping):  # Its force is proportional to the tempo.
                 worst = float(np.quantile(np.abs(error), 1 - bounds.unsteady))
                 left = max(self._scenario.tolerance - self._friction_lag, 1e-9)
