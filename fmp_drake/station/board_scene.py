@@ -30,6 +30,7 @@ from fmp_drake.station.robots.robot import (
     LoadRobot,
     MakeRobotModel,
     Robot,
+    ShowContactGeometry,
 )
 from fmp_drake.station.robots.stability import CheckStability
 from fmp_drake.station.scenario import Scenario
@@ -180,6 +181,7 @@ def AddBoardScene(
         _Mount(plant, whiteboard, board, X_WB)
     plant.Finalize()
     FilterSelfContact(robot, scene_graph)
+    ShowContactGeometry(robot, scene_graph)
     if whiteboard is not None and min(board.curvature()) < 0:
         FilterHull(plant, scene_graph, whiteboard)
 

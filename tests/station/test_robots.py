@@ -282,6 +282,28 @@ def test_a_link_named_tool_is_in_the_groups_of_the_tool(tmp_path):
     assert inspector.CollisionFiltered(wrist, eraser)
 
 
+@pytest.mark.parametrize("picture", ["", "<mesh filename='link.stl'/>", "drawn"])
+def test_a_link_without_a_picture_that_can_be_drawn_is_seen_by_its_contact_geometry(
+    tmp_path, picture
+):
+    pattern = "<visual>.*?</visual>"
+    visual = f"<visual name='v'><geometry>{picture}</geometry></visual>"
+    changes = {pattern: visual if picture else ""}
+    if picture == "drawn":
+        changes = {pattern: visual.replace(picture, "<box size='1 1 1'/>")}
+    (tmp_path / "link.stl").touch()
+    scenario = Scenario(robot=str(_own(tmp_path, changes)))
+    scene = AddBoardScene(DiagramBuilder(), scenario, start=[0.0, 0.0, 0.1])
+    plant, inspector = scene.plant, scene.scene_graph.model_inspector()
+    for name in ("ur5e_link2", "ur5e_link5"):
+        frame = plant.GetBodyFrameIdOrThrow(plant.GetBodyByName(name).index())
+        touched = inspector.GetGeometries(frame, Role.kProximity)
+        for role in (Role.kIllustration, Role.kPerception):
+            seen = inspector.GetGeometries(frame, role)
+            assert seen
+            assert ({*seen} == {*touched}) == (picture != "drawn")
+
+
 def collision_spheres(shape=None):
     """Return the spheres of a body with a shape 0.2 m beside it."""
     builder = DiagramBuilder()

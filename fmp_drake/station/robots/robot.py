@@ -5,10 +5,20 @@ from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.geometry import CollisionFilterDeclaration, SceneGraph
+from pydrake.geometry import (
+    CollisionFilterDeclaration,
+    MakePhongIllustrationProperties,
+    Mesh,
+    PerceptionProperties,
+    Rgba,
+    Role,
+    SceneGraph,
+    Shape,
+)
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -40,6 +50,9 @@ Tool = EraserConfig | str
 
 TOOL = "tool"
 """Name of the tool's bodies in a group of `contact_free`, and of a link of this name."""
+
+# Files of pictures that the page draws, and the colour of a link without one.
+_DRAWN, _LINK_COLOUR = (".obj", ".gltf", ".glb", ".dae"), (0.75, 0.78, 0.82, 1.0)
 
 
 @dataclass(kw_only=True)
@@ -520,3 +533,30 @@ def FilterSelfContact(robot: Robot, scene_graph: SceneGraph) -> None:
                 plant.CollectRegisteredGeometries(bodies)
             )
         )
+
+
+def ShowContactGeometry(robot: Robot, scene_graph: SceneGraph) -> None:
+    """Show the contact geometry of links without a picture that can be drawn."""
+    plant, inspector = robot.plant, scene_graph.model_inspector()
+    source: Any = plant.get_source_id()
+    for i in plant.GetBodyIndices(robot.arm):
+        body = plant.get_body(i)
+        pictures = map(inspector.GetShape, plant.GetVisualGeometriesForBody(body))
+        shapes = plant.GetCollisionGeometriesForBody(body)
+        if not shapes or not all(_IsUndrawn(picture) for picture in pictures):
+            continue
+        perception = PerceptionProperties()
+        perception.AddProperty("phong", "diffuse", Rgba(*_LINK_COLOUR))
+        illustration = MakePhongIllustrationProperties(np.array(_LINK_COLOUR))
+        for role in (Role.kIllustration, Role.kPerception):
+            frame = plant.GetBodyFrameIdOrThrow(i)
+            scene_graph.RemoveRole(source, frame, role)
+        for shape in shapes:
+            scene_graph.AssignRole(source, shape, illustration)
+            if not isinstance(inspector.GetShape(shape), Mesh):  # It may lack normals.
+                scene_graph.AssignRole(source, shape, perception)
+
+
+def _IsUndrawn(shape: Shape) -> bool:
+    """Return whether neither the page nor a film draws a picture."""
+    return isinstance(shape, Mesh) and shape.extension() not in _DRAWN
