@@ -385,6 +385,9 @@ velocity="1"/></joint></robot>"""
 WORLD = """<link name="world"/><joint name="fixed_base" type="fixed">
 <parent link="world"/><child link="ur5e_link0"/></joint></robot>"""
 
+LOOP = """<joint name="back" type="fixed"><parent link="ur5e_link6"/>
+<child link="ur5e_{}"/></joint></robot>"""
+
 
 @pytest.mark.parametrize(
     ("changes", "fields", "message"),
@@ -420,6 +423,16 @@ WORLD = """<link name="world"/><joint name="fixed_base" type="fixed">
             "^grip of own.urdf cannot be .* from the base ur5e_link0 to .* ur5e_flange",
         ),
         ({}, {"base": "ur5e_link2"}, "^ur5e_joint1, ur5e_joint2 of own.urdf cannot be"),
+        (
+            {"</robot>": LOOP.format("link2")},
+            {},
+            "^back, .*joint3, .*joint6 of own.urdf are a l",
+        ),
+        (
+            {"</robot>": LOOP.format("link0")},
+            {},
+            "joint1, .*, back of own.urdf are a loop",
+        ),
         ({}, {"flange": "ur5e_link4"}, "^ur5e_joint5, ur5e_joint6 of own.urdf cannot"),
         ({}, {"base": "ur5e_flange", "flange": "ur5e_link0"}, "1, .*6 of own.urdf can"),
         (
@@ -461,6 +474,14 @@ def test_a_model_that_does_not_fit_its_file_is_refused_with_what_to_do(
 ):
     with pytest.raises(StationError, match=message):
         MakeRobotModel(LoadRobot(_own(tmp_path, changes, **fields)))
+
+
+def test_a_missing_model_is_named_with_its_folder(tmp_path):
+    file = _own(tmp_path, {}, model="urdf/other.urdf")
+    with pytest.raises(
+        StationError, match=r"^there is no model .*/urdf/other\.urdf; .*Y"
+    ):
+        MakeRobotModel(LoadRobot(file))
 
 
 def test_a_model_of_mujoco_is_refused_because_it_has_no_velocity_limits(tmp_path):

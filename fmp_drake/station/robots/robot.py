@@ -283,6 +283,11 @@ def AddRobot(
             f"{Path(config.model).name} is read as MJCF (MuJoCo), in which joints have no "
             "velocity limits; give a URDF (.urdf) or SDF (.sdf) file with these limits."
         )
+    if not Path(config.model).is_file():
+        raise StationError(
+            f"there is no model {config.model}; name a URDF or SDF file, relative to the "
+            "robot's YAML file."
+        )
     with in_one_line(f"{Path(config.model).name} cannot be read", hint):
         for folder in Path(config.model).absolute().parents[:3]:
             if (folder / "package.xml").is_file():
@@ -374,6 +379,12 @@ def _CheckModel(
         """Return the joints that move a frame, from the root of the model on."""
         body, found = plant.GetFrameByName(frame, arm).body().name(), list[Joint]()
         while body in parents:
+            if parents[body] in found:
+                loop = [j.name() for j in found[: found.index(parents[body]) + 1]]
+                raise StationError(
+                    f"{', '.join(loop)} of {model} are a loop; remove one of them, because "
+                    "an arm is a chain of links."
+                )
             found.insert(0, parents[body])
             body = parents[body].parent_body().name()
         return [j.name() for j in found if j.num_positions()]
