@@ -280,7 +280,7 @@ def test_poses_are_read_with_an_orientation_that_does_not_jump(make, tmp_path):
     (found,), _ = read(make, tmp_path)
     assert found.channels == ("x", "y", "z", "rx", "ry", "rz")
     assert found.units == ("m", "m", "m", "rad", "rad", "rad")
-    assert_allclose(found.time, files.TIME, atol=1e-6)
+    assert_allclose(found.time - found.time[0], files.TIME, atol=1e-6)
     assert_allclose(found.values[:, :3], files.PATH, atol=1e-12)
     turned = rotations_of(found.values[:, 3:], found.rotation_reference)
     assert np.max((turned * files.TURNS.inv()).magnitude()) < 1e-6
@@ -459,6 +459,32 @@ def test_no_time_is_taken_from_counters_or_behind_a_time(columns, tmp_path):
     text = files.lines(*first, *files.PATH.T)
     with pytest.raises(FmpError, match=r"no column holds the time; .* time="):
         read_demonstrations([files.write(tmp_path, text).path])
+
+
+@pytest.mark.parametrize(
+    ("start", "unit"), [(3e8, 1e-9), (0, 1e-6), (1.7e12, 1e-3), (1.7e18, 1e-9)]
+)
+def test_whole_numbers_without_a_name_may_be_stamps(start, unit, tmp_path):
+    stamps = np.round(files.TIME / unit).astype(np.int64) + int(start)
+    matrices = np.tile(np.eye(4), (len(stamps), 1, 1))
+    matrices[:, :3, 3] = files.PATH
+    text = files.lines(stamps, *matrices.reshape(-1, 16).T, delimiter=" ")
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels[:3] == ("x", "y", "z")
+    assert_allclose(found.time - found.time[0], files.TIME, atol=1e-6)
+    assert_allclose(found.values[:, :3], files.PATH, atol=1e-12)
+    assert "column 2 to column 17 are a pose" in remarks[0]
+    assert "column 1, which increases, is taken for the time" in remarks[0]
+
+
+@pytest.mark.parametrize("pauses", [1, 4])
+def test_a_movement_that_pauses_a_few_times_does_not_come_in_bursts(pauses, tmp_path):
+    samples = np.arange(8 * (pauses + 1))
+    time = 0.1 * samples + 10 * (samples // 8)
+    text = files.xyz(time, files.PATH[: len(time)], header="time,x,y,z")
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.time, time)
+    assert f"not bridged: {pauses}" in remarks[0]
 
 
 def test_names_of_rows_may_end_with_a_colon(tmp_path):

@@ -43,8 +43,11 @@ _MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
 # Least number of samples from whose times a rate is read to a percent.
 _MEASURABLE = 100
 # Samples that were received in bursts: least interval between bursts, in medians of all
-# intervals, least number of bursts relative to the samples, and fraction of the time between.
-_PAUSE, _BURSTS, _PAUSED = 10.0, 0.02, 0.8
+# intervals, least number of such intervals, also relative to the samples, and fraction of
+# the time between. A movement may pause a few times.
+_PAUSE, _LEAST_BURSTS, _BURSTS, _PAUSED = 10.0, 5, 0.02, 0.8
+# Greatest step of whole numbers without a name that may count something else than us or ns.
+_LARGEST_COUNT = 500
 # Fraction of steps of a clock that are alike.
 _MOSTLY = 0.8
 # Steps backwards in time, in sample intervals, up to which samples are put in order.
@@ -100,7 +103,7 @@ def time_column(
     candidates = changing or candidates
     if not candidates:
         unnamed = [c for c in columns if not c.key]
-        candidates = [c for c in unnamed[:1] if c.is_increasing and not c.is_counter]
+        candidates = [c for c in unnamed[:1] if c.is_increasing and not _is_count(c)]
         if unnamed and _numbers_samples(unnamed[0]):
             second = [c for c in unnamed[1:2] if not _numbers_samples(c)]
             candidates = [c for c in second if _is_steady(c)]
@@ -141,6 +144,14 @@ def _is_steady(column: Column) -> bool:
     steps = np.diff(column.values)
     is_alike = np.abs(steps - np.median(steps)) <= 0.5 * np.median(steps)
     return bool(np.mean(is_alike) > _MOSTLY)
+
+
+def _is_count(column: Column) -> bool:
+    """Return whether a column counts rows or messages, unlike stamps in us, ns or since 1970."""
+    start, step = column.values[0], np.median(np.diff(column.values))
+    return bool(
+        column.is_counter and start < _EPOCHS["s"][0] and step <= _LARGEST_COUNT
+    )
 
 
 def _numbers_samples(column: Column) -> bool:
@@ -225,7 +236,8 @@ def ordered_times(
             f"Give the sample rate instead: --sample-rate {rate}"
         )
     pauses = forward[forward > _PAUSE * interval]
-    if len(pauses) > _BURSTS * count and np.sum(pauses) > _PAUSED * np.sum(forward):
+    is_frequent = len(pauses) >= max(_LEAST_BURSTS, _BURSTS * count)
+    if is_frequent and np.sum(pauses) > _PAUSED * np.sum(forward):
         mean = float(np.sum(forward) / count)
         raise DemonstrationError(
             f"the samples come in bursts, {1e3 * interval:.3g} ms apart and "

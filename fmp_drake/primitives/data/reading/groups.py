@@ -99,8 +99,7 @@ def column_groups(
         recognised = _recognise(prefix, values[:, sources], options)
         if recognised is not None:
             labels, units, poses, lacks_order = recognised
-            first = sources[count - 4]
-            origin = table.names[first] or f"column {table.numbers[first]}"
+            titles = [table.names[i] or f"column {table.numbers[i]}" for i in sources]
             kind = "a force and a torque" if "N" in units else "a pose"
             if len(labels) == 4:
                 kind = "an orientation" + ", row by row" * (count == 9)
@@ -109,12 +108,12 @@ def column_groups(
                 if not {*EULER_CHANNELS} & {*options.columns}:
                     kind += (
                         ", and angles that are not read; if they are roll, pitch and yaw, "
-                        f"add {euler_option([table.names[i] for i in sources[3:]])}"
+                        f"add {euler_option(titles[3:])}"
                     )
-            span = f"{table.names[sources[0]]} to {table.names[sources[-1]]}"
+            span = f"{titles[0]} to {titles[-1]}"
             remark = f"{span} are {kind}" if count > 4 else ""
             if lacks_order:
-                remark = options.quaternion_remark(origin)
+                remark = options.quaternion_remark(titles[count - 4])
             # Positions keep the unit of their header.
             unit = conversions[sources[0]][1]
             units = [u or unit * (i < 3) for i, u in enumerate(units)]
