@@ -95,6 +95,30 @@ def test_movements_of_one_shape_and_many_durations_are_learned_as_one():
     assert_allclose(drawn[:, :, 0], np.tile(0.4 * along, (4, 1)), atol=2e-4)
 
 
+def test_rest_before_and_after_a_movement_is_left_out(demonstrations, primitive):
+    rng = np.random.default_rng(1)
+
+    def resting(movement):
+        before, after = rng.integers(0, 120, 2)
+        values = np.pad(movement.values, ((before, after), (0, 0)), mode="edge")
+        values = values + 2e-4 * rng.standard_normal(values.shape)
+        return Demonstration(time=np.arange(len(values)) / 50, values=values)
+
+    learned = DiscreteMovementPrimitive(n_steps=60)
+    learned.fit([resting(movement) for movement in demonstrations])
+    assert_allclose(learned.duration_, primitive.duration_, rtol=0.03)
+    start, goal = np.zeros(3), np.array([0.4, 0.1, 0.0])
+    one, other = (p.rollout(start, goal, duration=1.5) for p in (learned, primitive))
+    assert_allclose(one.position, other.position, atol=0.01)  # 0.1 m with the rest.
+
+
+def test_a_recording_without_a_movement_is_kept():
+    still = Demonstration(time=np.arange(40) / 20, values=np.ones((40, 2)))
+    learned = DiscreteMovementPrimitive(n_steps=8).fit([still, still])
+    assert_allclose(learned.rollout([1.0, 1.0]).position, 1.0)
+    assert learned.duration_ == still.duration
+
+
 def test_samples_are_halves_of_windows(primitive):
     halves = primitive.sample(3, seed=1)
     assert np.array_equal(halves, primitive.skill_.sample(3, seed=1)[:, :60])

@@ -12,7 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from fmp_drake.errors import DemonstrationError, SkillError
 from fmp_drake.numeric import Array, as_floats, check_number, finite_array
-from fmp_drake.primitives.data.channels import channel_indices
+from fmp_drake.primitives.data.channels import channel_indices, channel_scales
 from fmp_drake.primitives.data.demonstration import Demonstration
 from fmp_drake.primitives.data.reading.table import count_text
 from fmp_drake.primitives.data.windows import demonstration_list
@@ -20,6 +20,9 @@ from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 from fmp_drake.primitives.playback.motion import Motion
 
+# Distances from the start, relative to the greatest, that a movement has left; the time before
+# the first one, relative to that between them, where the jerk is least.
+_LEFT, _RISE = (0.01, 0.1), 0.75
 # Greatest swing of a correction relative to the errors that it corrects.
 _MOST_SWING = 10.0
 
@@ -104,7 +107,8 @@ class DiscreteMovement:
 class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
     """Model of movements from a start to a goal, learned from whole demonstrations.
 
-    Each demonstration is one movement, of any duration. It is resampled to T samples
+    Each demonstration is one movement, of any duration; rest before and after it is left
+    out. It is resampled to T samples
     and mirrored, which gives a window of 2T samples that closes (footnote 1 of
     the paper); a `FourierMovementPrimitive` learns the mirrored windows. The samples
     are taken in the middle of T equal parts of the duration, so that the mirrors of
@@ -128,7 +132,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
     skill_ : FourierMovementPrimitive
         Skill of the mirrored windows: 2T samples in two mean durations.
     duration_ : float
-        Mean duration of the demonstrations, s.
+        Mean duration of the demonstrated movements, s.
     n_channels_ : int
         D.
     channels_, units_ : tuple of str
@@ -191,6 +195,7 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
             )
         check_number(self.n_steps, "n_steps", least=8, most=10_000, whole=True)
         check_number(self.confidence, "confidence", above=0.0, most=1.0)
+        demonstrations = [_without_rest(d) for d in demonstrations]
         duration = float(np.mean([d.duration for d in demonstrations]))
         rate = self.n_steps / duration
         skill = FourierMovementPrimitive(
@@ -345,6 +350,34 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
         gaussian = skill.components_[mapping.component]
         weights = gaussian.confined(mapping.weights, self.confidence)
         return weights, mapping.component
+
+
+def _without_rest(demonstration: Demonstration) -> Demonstration:
+    """Return a movement without the rest before and after it."""
+    time, values = demonstration.time, demonstration.values
+    path = values / channel_scales("units", values, demonstration.units)
+    start, end = _onset(time, path), -_onset(-time[::-1], path[::-1])
+    first = int(np.searchsorted(time, start, side="right")) - 1
+    last = int(np.searchsorted(time, end))
+    return demonstration.rows(np.arange(first, last + 1))
+
+
+def _onset(time: Array, path: Array) -> float:
+    """Return the time at which a path (n, D) leaves its start.
+
+    It is extrapolated from two distances, as for a movement of minimum jerk.
+    """
+    distances = np.linalg.norm(path - path[0], axis=1)
+    near, far = np.array(_LEFT) * distances.max()
+    if far == 0:
+        return float(time[0])
+    beyond = int(np.argmax(distances > far))
+    before = int(np.flatnonzero(distances[:beyond] <= near)[-1])
+    early, late = (
+        np.interp(distance, distances[i : i + 2], time[i : i + 2])
+        for i, distance in ((before, near), (beyond - 1, far))
+    )
+    return max(float(early - _RISE * (late - early)), float(time[0]))
 
 
 def _mirrored(demonstration: Demonstration, n_steps: int, rate: float) -> Demonstration:
