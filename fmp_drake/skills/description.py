@@ -37,6 +37,10 @@ _ENOUGH_CYCLES = 12
 # Windows without overlap that a mixture needs: on the bundled movements the density of
 # unseen windows collapses with fewer.
 _ENOUGH_WINDOWS = 7
+_DISCRETE = (
+    "; one movement from a start to a goal is learned in Python, from two or more recordings "
+    "of it: DiscreteMovementPrimitive"
+)
 # Deviation of the tempo from its mean that is reported.
 _TEMPO = 0.15
 # Distance of a playback from the demonstrated range that is reported, relative to the widest
@@ -132,7 +136,7 @@ def _about_windows(skill: FourierMovementPrimitive) -> list[str]:
             f"{seconds:.0f} s is short for a mixture with windows of {window:g} s: only "
             f"{seconds / window:.1f} of them do not overlap, and a component is learned from "
             f"{windows_per_component:.1f} that do. It does not represent other movements; "
-            f"record {_ENOUGH_WINDOWS * window:.0f} s or four equal cycles"
+            f"record {_ENOUGH_WINDOWS * window:.0f} s or four equal cycles{_DISCRETE}"
         )
     ]
 
@@ -297,7 +301,9 @@ def _learning_in_words(demonstration: Demonstration, rhythm: Rhythm | None) -> s
         rate=skill.rate,
     )
     seconds = n_steps / skill.rate
-    return f"possible, from {len(windows.values)} windows of {seconds:g} s"
+    is_short = sum(part.duration for part in parts) < _ENOUGH_WINDOWS * seconds
+    words = f"possible, from {len(windows.values)} windows of {seconds:g} s"
+    return words + _DISCRETE * is_short
 
 
 def board_part(

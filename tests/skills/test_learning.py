@@ -177,6 +177,16 @@ def test_windows_that_are_announced_are_those_that_are_learned():
     assert "possible, from 51 windows of 2.5 s" in announced
 
 
+def test_a_short_recording_that_does_not_repeat_may_be_a_discrete_movement():
+    t = np.arange(0, 5, 0.05)
+    along = np.clip(t / 4, 0, 1) ** 2 * (3 - 2 * np.clip(t / 4, 0, 1))
+    recording = Demonstration(time=t, values=np.outer(along, [0.3, 0.1, 0.2]))
+    hint = "from a start to a goal is learned in Python, .*: DiscreteMovementPrimitive"
+    assert re.search(hint, describe_recording(recording)[-1])
+    skill = FourierMovementPrimitive().fit(recording)
+    assert re.search(hint, " ".join(skill_in_words(skill)))
+
+
 def test_part_without_samples_is_not_announced_as_possible():
     t = np.arange(0, 12, 0.05)
     recording = Demonstration(time=t, values=circles(2 * np.pi * t / 2))
