@@ -226,8 +226,43 @@ def sensors_in_turn_without_a_choice(folder):
 
 
 def rostopic_echo_in_yaml(folder):
-    message = "header: \n  seq: 1\npose: \n  position: \n    x: 0.4\n---\n"
-    return write(folder, 400 * message, "d.txt")
+    """Messages as ROS prints them, one that was lost, and one that was cut off."""
+    messages = [
+        f"header: \n  seq: {i}\n  stamp: \n    secs: {stamp // 10**9}\n"
+        f'    nsecs: {stamp % 10**9:9d}\n  frame_id: "base"\npose: \n  position: \n'
+        + "".join(f"    {a}: {v!r}\n" for a, v in zip("xyz", place, strict=True))
+        + "  orientation: \n"
+        + "".join(f"    {a}: {v!r}\n" for a, v in zip("xyzw", turn, strict=True))
+        + "---\n"
+        for i, (stamp, place, turn) in enumerate(
+            zip(STAMPS.tolist(), PATH.tolist(), QUATERNIONS.tolist(), strict=True)
+        )
+    ]
+    lost = "A message was lost!!!\n\ttotal count change:1\n---\n"
+    return write(folder, "".join([*messages[:9], lost, *messages[9:], "header: {"]))
+
+
+def ros2_topic_echo_of_joints(folder):
+    """Numbers such as 1e-05, which YAML takes for words."""
+    angles = np.where(np.arange(7) == 2, 1e-5 * (1 + JOINTS), JOINTS)
+    messages = [
+        f"header:\n  stamp:\n    sec: {stamp // 10**9}\n    nanosec: {stamp % 10**9}\n"
+        "  frame_id: ''\nname:\n"
+        + "".join(f"- joint_{i}\n" for i in range(1, 8))
+        + "position:\n"
+        + "".join(f"- {angle:.0e}\n" for angle in q)
+        + "velocity: []\neffort: []\n---\n"
+        for stamp, q in zip(STAMPS.tolist(), angles.tolist(), strict=True)
+    ]
+    return write(folder, "".join(messages), "d.yaml")
+
+
+def yaml_with_aliases(folder):
+    return write(folder, "a: &a [1, 2]\nb: [*a, *a]\n", "d.yaml")
+
+
+def broken_yaml(folder):
+    return write(folder, "{[", "d.yaml")
 
 
 def bursts(folder):

@@ -462,7 +462,7 @@ def read_demonstrations(
     """Read demonstrations from files of many kinds.
 
     Tables in text files (`.csv` and others, with any delimiter), exports of OptiTrack and
-    Vicon, `.xlsx`, JSON and JSON lines, `.npz`, `.npy`, `.mat`, `.parquet`, HDF5, ROS 1 and
+    Vicon, `.xlsx`, JSON, JSON lines, YAML, `.npz`, `.npy`, `.mat`, `.parquet`, HDF5, ROS 1 and
     ROS 2 bags, MCAP, and LeRobot datasets; a file may be compressed by gzip or zip. Datasets
     give one demonstration for each episode: a LeRobot folder, or robomimic's HDF5 file.
     Quaternions, rotation vectors and Euler angles (`roll`, `pitch`, `yaw`) become the

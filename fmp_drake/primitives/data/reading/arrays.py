@@ -1,8 +1,7 @@
-"""Readers of arrays: NumPy, Parquet, JSON, MATLAB, Excel."""
+"""Readers of arrays: NumPy, Parquet, MATLAB, Excel."""
 
 import csv
 import io
-import json
 import math
 import re
 import zipfile
@@ -33,7 +32,6 @@ from fmp_drake.primitives.data.reading.table import (
 from fmp_drake.primitives.data.reading.text import (
     SOURCE_NAME,
     number_in,
-    read_lines,
     rows_of_one,
     table_of_lines,
 )
@@ -47,7 +45,6 @@ FORMAT = FileFormat(
 METADATA = ("channels", "units", "frame", "note", "rotation_reference")
 """Fields of a demonstration in the metadata of a saved file."""
 _RATES = ("fps", "rate", "sample_rate", "frequency", "control_freq", "dt")
-_JSON_LINE = '{"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}'
 # Last words of the names of joint angles, and of the names of the joints.
 _JOINT_ANGLES = re.compile(r"(joint_?)?(positions?|angles?|states?)|q|qpos|joints?")
 _JOINT_NAMES = re.compile(r"(joint_?)?names?")
@@ -169,15 +166,15 @@ def _tables_of(
 ) -> list[Table]:
     """Return a table of each recording in nested mappings of arrays."""
     tables = []
-    for recording in _recordings(content):
-        arrays = {name: np.asarray(value) for name, value in _flat(recording)}
+    for recording in recordings_in(content):
+        arrays = {name: np.asarray(value) for name, value in flat_values(recording)}
         if len(arrays) == 1:  # The columns of a single matrix have no names.
             arrays = {"": next(iter(arrays.values()))}
         tables.append(table_of(path, arrays, topic=options.topic))
     return tables
 
 
-def _recordings(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def recordings_in(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the content of each recording in a list of them, or the content itself.
 
     A list may be an array (K, N, D), and its items mappings of arrays. Single numbers and
@@ -397,96 +394,6 @@ def _array(column: Any) -> NDArray[Any]:
     return array
 
 
-def read_json(path: Path, options: ReadingOptions) -> list[Table]:
-    """Return the numbers of JSON lines, a list of objects, or an object of lists.
-
-    Names of nested values are joined by dots: `pose.position.x`.
-
-    Raises
-    ------
-    SkillFileError
-        Where the file is not JSON of this form; a broken line is named.
-    """
-    hint = f"; write an object of numbers in each line, such as {_JSON_LINE}"
-    with readable(path, "a JSON file", hint=hint):
-        content = _json_content(path, read_lines(path))
-        recordings = _recordings(
-            content if isinstance(content, dict) else {"": content}
-        )
-        return [
-            table_of(path, _json_columns(path, each), topic=options.topic)
-            for each in recordings
-        ]
-
-
-def _json_content(path: Path, lines: list[str]) -> Any:
-    """Return the content of a JSON file, or that of each line."""
-    try:
-        return json.loads("\n".join(lines), object_hook=_listed)
-    except ValueError:
-        content = []
-        for number, line in enumerate(lines, 1):
-            try:
-                content += [json.loads(line)] if line.strip() else []
-            except ValueError as reason:
-                raise SkillFileError(
-                    f"{path}: line {number} is not JSON ({reason}); expected an object "
-                    f"in each line, such as {_JSON_LINE}."
-                ) from None
-    return content
-
-
-def _listed(content: dict[str, Any]) -> Any:
-    """Return an object with the keys "0", "1" ..., which pandas writes, as a list."""
-    is_list = "0" in content and list(content) == [*map(str, range(len(content)))]
-    return list(content.values()) if is_list else content
-
-
-def _json_columns(path: Path, content: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of one recording in JSON; a list has the name ""."""
-    values = dict(_flat(content))
-    rows = values[""] if list(values) == [""] else []
-    is_rows = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
-    if not (is_rows or _is_objects(rows)):
-        raise SkillFileError(
-            f"{path} holds neither objects nor lists of numbers; write an object in each "
-            f"line, such as {_JSON_LINE}."
-        )
-    has_one = sum(map(_is_objects, values.values())) == 1
-    columns: dict[str, NDArray[Any]] = {}
-    for name, value in values.items():
-        if _is_objects(value):
-            stem = "" if has_one else f"{name}."
-            columns |= {f"{stem}{n}": a for n, a in _object_columns(value).items()}
-        else:
-            column = _column(value) if isinstance(value, list) else None
-            columns[name] = np.asarray(value) if column is None else column
-    return columns
-
-
-def _object_columns(objects: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
-    """Return the arrays over a list of objects, NaN where a value is missing."""
-    rows = [dict(_flat(item)) for item in objects]
-    names = dict.fromkeys(name for row in rows for name in row)
-    columns = {name: _column([row.get(name) for row in rows]) for name in names}
-    return {name: column for name, column in columns.items() if column is not None}
-
-
-def _column(values: list[Any]) -> NDArray[Any] | None:
-    """Return values of one shape, NaN for missing ones; None where shapes differ."""
-    shapes = {np.shape(value) for value in values if value not in (None, [])}
-    if len(shapes) != 1:
-        return None
-    missing = np.full(shapes.pop(), np.nan)
-    return np.array([missing if value in (None, []) else value for value in values])
-
-
-def _is_objects(content: Any) -> bool:
-    """Return whether a value from JSON is a list of objects."""
-    is_list = isinstance(content, list) and len(content) > 0
-    return is_list and all(isinstance(item, dict) for item in content)
-
-
 def read_matlab(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the arrays of one length in a MATLAB file, also those in structures."""
     from scipy.io import loadmat, whosmat  # Slow to import.
@@ -540,11 +447,13 @@ def read_excel(path: Path, options: ReadingOptions) -> list[Table]:
     raise reasons[0]
 
 
-def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flat_values(
+    content: Mapping[str, Any], prefix: str = ""
+) -> Iterator[tuple[str, Any]]:
     """Yield the values in nested mappings with their names joined by dots."""
     for name, value in content.items():
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{name}.")
+            yield from flat_values(value, f"{prefix}{name}.")
         elif isinstance(value, str):  # A date is a time.
             number = number_in(value)
             yield f"{prefix}{name}", value if number is None else number

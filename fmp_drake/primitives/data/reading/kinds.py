@@ -13,6 +13,7 @@ from fmp_drake.primitives.data.reading import (
     bags,
     datasets,
     motion_capture,
+    nested,
     text,
 )
 from fmp_drake.primitives.data.reading.table import (
@@ -81,9 +82,17 @@ def _reader_of_file(path: Path, first: bytes) -> _Reader:
         return _ENDINGS[path.suffix.lower()]
     start = b"".join(first.split())[:2]
     if start == b"[[" or (start[:1] in (b"{", b"[") and b'"' in first):
-        return arrays.read_json
+        return nested.read_json
     is_vicon = motion_capture.is_vicon(first)
-    return motion_capture.read_vicon if is_vicon else text.read_text
+    return motion_capture.read_vicon if is_vicon else _read_text
+
+
+def _read_text(path: Path, options: ReadingOptions) -> list[Table]:
+    """Return the table in a text file, or those in its YAML."""
+    try:
+        return text.read_text(path, options)
+    except text.YamlError:
+        return nested.read_yaml(path, options)
 
 
 def _reader_of_archive(path: Path) -> _Reader:
@@ -159,7 +168,7 @@ _FIRST_BYTES: dict[bytes, _Reader] = {
 }
 _ALTERNATIVES = (
     "; a demonstration is a table (.csv, .tsv, .txt, .xlsx; OptiTrack, Vicon), .npz, .npy, "
-    ".parquet, .h5, .mat, JSON lines, a ROS 1 or ROS 2 bag, .mcap, or a LeRobot dataset. "
+    ".parquet, .h5, .mat, JSON lines, YAML, a ROS 1 or ROS 2 bag, .mcap, or a LeRobot dataset. "
     "Write one of these, for example by numpy.savez('recording.npz', time=time, "
     "position=position)."
 )
@@ -182,4 +191,6 @@ _ENDINGS: dict[str, _Reader] = {
     ".bag": bags.read_bag,
     ".mcap": bags.read_bag,
     ".db3": bags.read_bag,
+    ".yaml": nested.read_yaml,
+    ".yml": nested.read_yaml,
 }

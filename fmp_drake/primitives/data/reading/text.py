@@ -53,6 +53,8 @@ _MOST_DELETED = 20
 _MOST_ROWS, _FEWEST_SAMPLES = 20, 50
 # Greatest number of lines before the numbers.
 _LONGEST_PREAMBLE = 200
+# Beginnings of lines in YAML, as ROS prints messages and trajectories.
+_YAML = ("---", "header:", "- ", "joint_names:")
 _UNIT = re.compile(
     r"[\[(]?(|[numkcd]?s|[munc]?m|in|ft|m?rad|deg|°|N[/ ]?m|-|m/s|rad/s"
     rf"|{'|'.join(FORCES)}|(?i:sec|seconds|{'|'.join(SYMBOLS)}))[\])]?"
@@ -64,6 +66,10 @@ SOURCE_NAME = re.compile(
     re.IGNORECASE,
 )
 _MOST_SOURCES = 20
+
+
+class YamlError(SkillFileError):
+    """A text file is YAML instead of a table."""
 
 
 def read_text(path: Path, options: ReadingOptions) -> list[Table]:
@@ -386,18 +392,8 @@ def _first_row(path: Path, lines: list[str]) -> tuple[int, str]:
             )
         ):
             return i, best
-    yaml = ("---", "header:", "- ")
-    if any(line.startswith("joint_names:") for line in lines):
-        convert = "json.dump(yaml.safe_load(open(sys.argv[1])), open(sys.argv[2], 'w'))"
-        raise SkillFileError(
-            f"{path} is a trajectory in YAML; convert it to JSON: python -c "
-            f'"import json, sys, yaml; {convert}" {shlex.quote(str(path))} d.json'
-        )
-    if any(line.startswith(yaml) for line in lines[:_LONGEST_PREAMBLE]):
-        raise SkillFileError(
-            f"{path} is YAML, as ROS prints it; record a bag (ros2 bag record TOPIC), or "
-            "print a table: rostopic echo -p TOPIC > table.csv"
-        )
+    if any(line.startswith(_YAML) for line in lines[:_LONGEST_PREAMBLE]):
+        raise YamlError(f"{path} is YAML.")
     raise SkillFileError(
         f"{path} has no line of numbers among its first {_LONGEST_PREAMBLE}; expected a "
         "table with a header such as `time,x,y,z`, as this writes: "

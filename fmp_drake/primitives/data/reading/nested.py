@@ -1,0 +1,151 @@
+"""Readers of nested values in text files: JSON and YAML."""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from fmp_drake.errors import SkillFileError
+from fmp_drake.primitives.data.reading.arrays import (
+    flat_values,
+    recordings_in,
+    table_of,
+)
+from fmp_drake.primitives.data.reading.table import (
+    ReadingOptions,
+    Table,
+    count_text,
+    readable,
+)
+from fmp_drake.primitives.data.reading.text import read_lines
+
+_JSON_LINE = '{"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}'
+# In YAML: an alias, and a whole number before an exponent, which is no number there.
+_WHOLE = re.compile(r"(?<=[\s\[-])(\d+)(?=e[-+]\d)")
+_ALIAS = re.compile(r"(^|[:,[-])\s*\*\w", re.MULTILINE)
+
+
+def read_json(path: Path, options: ReadingOptions) -> list[Table]:
+    """Return the numbers of JSON lines, a list of objects, or an object of lists.
+
+    Names of nested values are joined by dots: `pose.position.x`.
+
+    Raises
+    ------
+    SkillFileError
+        Where the file is not JSON of this form; a broken line is named.
+    """
+    hint = f"; write an object of numbers in each line, such as {_JSON_LINE}"
+    with readable(path, "a JSON file", hint=hint):
+        return _nested_tables(path, _json_content(path, read_lines(path)), options)
+
+
+def read_yaml(path: Path, options: ReadingOptions) -> list[Table]:
+    """Return the numbers of YAML documents, as ROS prints messages, or of one as in JSON.
+
+    Broken documents, such as the last one, are left out.
+    """
+    text = "\n".join(read_lines(path))
+    if _ALIAS.search(text):  # They may stand for gigabytes.
+        raise SkillFileError(f"{path} is YAML with aliases; write JSON instead.")
+    text = _WHOLE.sub(r"\1.0", text)
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    contents, broken = [], 0
+    for document in re.split(r"^---\s*$", text, flags=re.MULTILINE):
+        try:
+            contents.append(yaml.load(document, Loader=loader))
+        except (yaml.YAMLError, ValueError, RecursionError):
+            broken += 1
+    messages = [content for content in contents if isinstance(content, dict)]
+    if messages:  # Between them ROS reports lost ones.
+        broken += sum(isinstance(content, str) for content in contents)
+        contents = messages
+    with readable(path, "a YAML file"):
+        content = contents[0] if len(contents) == 1 else contents
+        tables = _nested_tables(path, content, options)
+    count = count_text(broken, "broken document")
+    remarks = (f"{count} left out",) if broken else ()
+    return [replace(table, remarks=(*table.remarks, *remarks)) for table in tables]
+
+
+def _nested_tables(path: Path, content: Any, options: ReadingOptions) -> list[Table]:
+    """Return the tables of the recordings in a list of objects, or an object of lists."""
+    recordings = recordings_in(content if isinstance(content, dict) else {"": content})
+    return [
+        table_of(path, _json_columns(path, each), topic=options.topic)
+        for each in recordings
+    ]
+
+
+def _json_content(path: Path, lines: list[str]) -> Any:
+    """Return the content of a JSON file, or that of each line."""
+    try:
+        return json.loads("\n".join(lines), object_hook=_listed)
+    except ValueError:
+        content = []
+        for number, line in enumerate(lines, 1):
+            try:
+                content += [json.loads(line)] if line.strip() else []
+            except ValueError as reason:
+                raise SkillFileError(
+                    f"{path}: line {number} is not JSON ({reason}); expected an object "
+                    f"in each line, such as {_JSON_LINE}."
+                ) from None
+    return content
+
+
+def _listed(content: dict[str, Any]) -> Any:
+    """Return an object with the keys "0", "1" ..., which pandas writes, as a list."""
+    is_list = "0" in content and list(content) == [*map(str, range(len(content)))]
+    return list(content.values()) if is_list else content
+
+
+def _json_columns(path: Path, content: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of one recording in JSON; a list has the name ""."""
+    values = dict(flat_values(content))
+    rows = values[""] if list(values) == [""] else []
+    is_rows = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
+    if not (is_rows or _is_objects(rows)):
+        raise SkillFileError(
+            f"{path} holds neither objects nor lists of numbers; write an object in each "
+            f"line, such as {_JSON_LINE}."
+        )
+    has_one = sum(map(_is_objects, values.values())) == 1
+    columns: dict[str, NDArray[Any]] = {}
+    for name, value in values.items():
+        if _is_objects(value):
+            stem = "" if has_one else f"{name}."
+            columns |= {f"{stem}{n}": a for n, a in _object_columns(value).items()}
+        else:
+            column = _column(value) if isinstance(value, list) else None
+            columns[name] = np.asarray(value) if column is None else column
+    return columns
+
+
+def _object_columns(objects: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
+    """Return the arrays over a list of objects, NaN where a value is missing."""
+    rows = [dict(flat_values(item)) for item in objects]
+    names = dict.fromkeys(name for row in rows for name in row)
+    columns = {name: _column([row.get(name) for row in rows]) for name in names}
+    return {name: column for name, column in columns.items() if column is not None}
+
+
+def _column(values: list[Any]) -> NDArray[Any] | None:
+    """Return values of one shape, NaN for missing ones; None where shapes differ."""
+    shapes = {np.shape(value) for value in values if value not in (None, [])}
+    if len(shapes) != 1:
+        return None
+    missing = np.full(shapes.pop(), np.nan)
+    return np.array([missing if value in (None, []) else value for value in values])
+
+
+def _is_objects(content: Any) -> bool:
+    """Return whether a value from JSON is a list of objects."""
+    is_list = isinstance(content, list) and len(content) > 0
+    return is_list and all(isinstance(item, dict) for item in content)
