@@ -843,6 +843,24 @@ def test_a_winding_way_from_home_and_back_is_not_the_lap():
     assert [part.kind for part in found.left_out] == ["approach", "retreat"]
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_many_cycles_after_a_longer_movement_are_not_strokes_of_a_lap(seed):
+    rng = np.random.default_rng(seed)
+    time = np.arange(540)[:, None] / RATE
+    sizes, frequencies, starts = (
+        rng.uniform(*limits, (6, 2)) for limits in ((0.01, 0.05), (0.5, 2.5), (0, 6.3))
+    )
+    # Six sines in each channel, which begin and end at rest.
+    other = np.sin(2 * np.pi * frequencies * time[:, None] + starts)
+    other = np.sum(sizes * other, axis=1)
+    is_away = np.clip(10 * np.minimum(time, time[::-1]) / 5, 0, 1)
+    circles = drop(phases(180, period=15))
+    other = circles[0] + is_away * (other - other.mean(axis=0))
+    found = find_rhythm(demonstration(np.concatenate([other, circles])))
+    assert found.period == pytest.approx(0.75, rel=0.02)
+    assert found.cycles == pytest.approx(12, abs=0.3)
+
+
 def test_growing_circles_before_another_movement_are_not_a_spiral():
     circles = drop(np.linspace(0, 12 * np.pi, 241), 0.05)
     circles *= np.linspace(1, 3, 241)[:, None]

@@ -86,6 +86,8 @@ _MOST_HARMONICS = 400
 # Most strokes in one closed cycle, for each of which a phase model has two of its 80
 # components, and most samples: longer recordings may end where they begin by chance.
 _MOST_STROKES, _LONGEST_LAP = 40, 3600
+# Most strokes in one place of a lap that is otherwise left out; more are a movement.
+_MOST_IN_PLACE = 5
 # Turns of a spiral: least change of their amplitude relative to its mean, greatest relative
 # difference of its steps from their mean, and greatest part of the lap.
 _GROWTH, _UNEQUAL, _PART = 0.5, 0.3, 0.9
@@ -397,6 +399,8 @@ def _omits_strokes(rhythm: Rhythm, path: Array, rate: float) -> bool:
     of one period is a stroke if it is not direct, unlike one of a winding approach. A path of
     more than `_LONGEST_LAP` samples is not a lap.
     """
+    if rhythm.cycles > _MOST_IN_PLACE or len(path) > _LONGEST_LAP:
+        return False
     omitted = 0
     for part in rhythm.left_out:
         if part.kind in _WITH_STROKES:
@@ -405,7 +409,7 @@ def _omits_strokes(rhythm: Rhythm, path: Array, rate: float) -> bool:
             pieces = np.array_split(omission, count)
             omitted += sum(len(piece) for piece in pieces if not is_direct(piece))
     in_bouts = sum(bout.duration for bout in rhythm.bouts)
-    return omitted > in_bouts * rate and len(path) <= _LONGEST_LAP
+    return omitted > in_bouts * rate
 
 
 def _samples(track: PhaseTrack) -> int:
