@@ -630,3 +630,21 @@ def test_other_nine_numbers_are_no_orientation(name, matrix, channels, tmp_path)
     found, _ = read(path)
     assert "rx" not in found.channels
     assert len(found.channels) == channels
+
+
+@pytest.mark.parametrize("stem", ["", "current_"])
+def test_a_pose_of_doosan_is_in_mm_and_in_degrees_about_z_y_and_z(stem, tmp_path):
+    turns = files.TURNS * Rotation.from_euler("y", 0.5)
+    numbers = np.hstack([1e3 * files.PATH, turns.as_euler("ZYZ", degrees=True)])
+    joints = np.degrees(files.JOINTS[:, :6])
+    names = [f"{stem}{kind}_{i}" for kind in ("posx", "posj") for i in range(6)]
+    header = ",".join(["time", *names])
+    text = files.lines(files.TIME, *numbers.T, *joints.T, header=header)
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    pose = found.select(["x", "y", "z", "rx", "ry", "rz"])
+    assert_allclose(pose.values[:, :3], files.PATH, atol=1e-12)
+    found_turns = rotations_of(pose.values[:, 3:], found.rotation_reference)
+    assert np.max((found_turns * turns.inv()).magnitude()) < 1e-6
+    angles = found.select(names[6:])
+    assert angles.units == ("rad",) * 6
+    assert_allclose(angles.values, files.JOINTS[:, :6], atol=1e-12)

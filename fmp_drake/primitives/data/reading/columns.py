@@ -68,7 +68,7 @@ _NO_BODY = re.compile(rf"(?:(?:^|_)(?:{_PLACES}))+$")
 JOINT = re.compile(
     r"(?:(.*)[_./])?"
     r"(?:joints?(?:_(?:pos(?:itions?)?|angles?|states?))?"
-    r"|(?<!joint_)positions|qpos|jpos|theta|axis|q|j|a)"
+    r"|(?<!joint_)positions|qpos|jpos|posj|theta|axis|q|j|a)"
     r"[_.[ ]?(\d)\]?(?:[_./](?:pos(?:ition)?|angle))?",
     re.IGNORECASE,
 )
@@ -102,7 +102,7 @@ NO_POSITION = re.compile(
 _TOOL = re.compile(r"(^|_)(tcp|tool|ee|eef|end_?eff\w*|flange)(_|$)")
 ANGLE = re.compile(
     rf"(?!.*(?:{_NO_ANGLES}|current_j_?\d))"
-    r"(.*_)?(joints?(_angles?|_states?|_positions)?|theta|q|qpos|j(?=_?\d)|r[xyz]"
+    r"(.*_)?(joints?(_angles?|_states?|_positions)?|theta|q|qpos|posj|j(?=_?\d)|r[xyz]"
     r"|(?<!wrist_)(?<!forearm_)(angle|roll|pitch|yaw))_?\d*(_pos(ition)?)?"
 )
 """Name of an angle of a joint or an orientation, as `column_key` returns it."""

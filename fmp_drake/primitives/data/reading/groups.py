@@ -33,6 +33,8 @@ _WRENCH = re.compile(
     r"(.*?)_?(force_torque|force|wrench|ft|(?<![a-z0-9])f|f_ext_hat_k)(?:_raw|_sensor)?"
 )
 _CARTESIAN = re.compile(r"(.*_)?(cart|cartesian|ee|eef|tcp|tool|flange|pose)_")
+# Doosan: a position in mm, and angles about z, y and z in degrees.
+_DOOSAN = re.compile(r"(.*_)?posx")
 _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
 # LeRobot: a pose, and a gripper or forces.
 _STATE = re.compile(r"(.*_)?state")
@@ -210,6 +212,11 @@ def _recognise(
         stem = f"{match[1]}_" if match[1] else ""
         names = [f"{stem}{k}_{a}" for k in ("force", "torque") for a in "xyz"]
         return names, ["N"] * 3 + ["Nm"] * 3, values, False
+    if count == 6 and _DOOSAN.fullmatch(prefix):
+        angles = np.nan_to_num(values[:, 3:])
+        quaternions = Rotation.from_euler("ZYZ", angles, degrees=True).as_quat()
+        units = ["mm"] * 3 + [""] * 4
+        return pose, units, np.hstack([values[:, :3], quaternions]), False
     is_tcp = count == 6 and _TCP_POSE.fullmatch(prefix)
     vectors = np.nan_to_num(values[:, 3:])
     if is_tcp and np.max(np.linalg.norm(vectors, axis=1), initial=0.0) < REVOLUTION:
