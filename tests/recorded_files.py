@@ -61,6 +61,11 @@ def plain(folder):
     return write(folder, xyz(header="time,x,y,z"))
 
 
+def zeros_at_the_end(folder):
+    """As a logger that lost its power leaves them, after an incomplete line."""
+    return write(folder, xyz(header="time,x,y,z") + "8.0,0.1" + 4096 * "\0")
+
+
 def units_in_brackets(folder):
     return write(folder, xyz(path=1e3 * PATH, header="Time [s],x [mm],y [mm],z [mm]"))
 

@@ -73,6 +73,7 @@ POSITIONS = (
     files.json_of_numbered_bodies_in_turn,
     files.parquet_of_bodies_in_turn,
     files.hdf5_of_angles_beside_a_position,
+    files.zeros_at_the_end,
     files.capitals,
     files.semicolons,
     files.decimal_commas,

@@ -347,6 +347,8 @@ def _decoded(path: Path) -> str:
     check_size(path, path.stat().st_size, MOST_BYTES / 2)
     raw = path.read_bytes()
     is_utf_16 = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    if not is_utf_16:  # A file that was not closed may end with zeros.
+        raw = raw.rstrip(b"\0")
     for encoding in ("utf-16",) if is_utf_16 else ("utf-8-sig", "cp1252"):
         try:
             text = raw.decode(encoding)
