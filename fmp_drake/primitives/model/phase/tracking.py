@@ -321,8 +321,10 @@ def best_labels(
                 for other in range(circles + 1):
                     if other != k:
                         entry = min(entry, least[i - 1, other] + change)
-                for s in range(reach + count):
+                for s in range(reach):
                     unrolled[s] = best[k, i - 1, (s - reach) % count]
+                for s in range(count):
+                    unrolled[reach + s] = best[k, i - 1, s]
                 lowest[:] = entry
                 for j in range(reach + 1):
                     before = unrolled[reach - j : reach - j + count]
