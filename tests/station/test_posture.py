@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.errors import StationError
@@ -68,6 +68,15 @@ def test_tilted_eraser_is_reached(arm):
 def test_posture_that_fits_already_is_kept(arm):
     q = np.array([0, -math.pi / 4, 0, -3 * math.pi / 4, 0, math.pi / 2, math.pi / 4])
     assert_allclose(solve(arm, pose(arm, q), q), q, atol=1e-4)
+
+
+def test_search_that_ends_at_a_limit_begins_elsewhere(arm):
+    preferred = np.array([-1.8, 1.4, -1.9, -1.5, -1.9, 2.1, -1.2])
+    X_WE = RigidTransform(RollPitchYaw(np.pi, 0.0, -1.5), [0.32, -0.26, 0.18])
+    q = solve(arm, X_WE, preferred)
+    assert limit_margin(arm, q) > 0.1
+    assert np.linalg.norm(q - preferred) < 5.0  # It is 7.6 at the limit.
+    assert_allclose(pose(arm, q).translation(), X_WE.translation(), atol=5e-6)
 
 
 def test_redundant_arm_stays_near_the_preferred_posture(arm):

@@ -43,7 +43,7 @@ def SolvePosture(
     Where that fails, for example with the posture of a table-top arm on a ceiling, the
     search begins at random angles, and the result farthest from the joint limits is
     returned. Joints are outside the springs at their limits where that is possible near
-    the preferred posture.
+    the preferred posture, or at an angle nearer to it.
 
     Parameters
     ----------
@@ -93,22 +93,27 @@ def _FindPosture(
     preferred = finite_array(q_preferred, "the posture", (n,), error=StationError)
     limits = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
 
-    def margin(q: Array | None) -> float:
-        if q is None:
-            return -1.0
+    def margin(q: Array) -> float:
         return float(np.min(np.minimum(q - limits[0], limits[1] - q)))
+
+    def guessed(least_margin: float) -> list[Array]:
+        lower, upper = np.clip(limits, -np.pi, np.pi)
+        guesses = np.random.default_rng(0).uniform(lower, upper, (_GUESSES, n))
+        found = (
+            _SolveFrom(guess, plant, frame, X_WE, least_margin=least_margin)
+            for guess in guesses
+        )
+        return [q for q in found if q is not None]
 
     outside = spring_width + _SPRING_DISTANCE
     q = _SolveFrom(preferred, plant, frame, X_WE)
     if q is None:
-        lower, upper = np.clip(limits, -np.pi, np.pi)
-        guesses = np.random.default_rng(0).uniform(lower, upper, (_GUESSES, n))
-        q = max(
-            (_SolveFrom(guess, plant, frame, X_WE) for guess in guesses), key=margin
-        )
-    elif margin(q) < outside:
+        return max(guessed(_LIMIT_MARGIN), key=margin, default=None)
+    if margin(q) < outside:
         farther = _SolveFrom(preferred, plant, frame, X_WE, least_margin=outside)
-        q = q if farther is None else farther
+        # The search may end far from the preferred posture.
+        nearest = [q, *guessed(outside)] if farther is None else [farther]
+        q = min(nearest, key=lambda q: float(np.linalg.norm(q - preferred)))
     return q
 
 
