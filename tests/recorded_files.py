@@ -263,7 +263,49 @@ def ros2_topic_echo_of_joints(folder):
 
 
 def yaml_with_aliases(folder):
-    return write(folder, "a: &a [1, 2]\nb: [*a, *a]\n", "d.yaml")
+    return write(folder, "a: &-a [1, 2]\nb: [*-a, *-a]\n", "d.yaml")
+
+
+def deep_yaml(folder):
+    return write(folder, 500_000 * "{ ", "d.yaml")
+
+
+def deep_keys_in_yaml(folder):
+    return write(folder, 90 * "? " + "\n", "d.yaml")
+
+
+def table_that_is_named_yaml(folder):
+    return write(folder, xyz(header="time,x,y,z"), "d.yaml")
+
+
+def json_lines_that_are_named_yaml(folder):
+    return write(folder, json_lines(folder).path.read_text(), "d.yaml")
+
+
+def yaml_documents(folder):
+    """With comments, tags, and values in flow style."""
+    documents = [
+        f"--- # {i}\n!sample\ntime: {t!r}\nplace: {{x: {x!r}, y: {y!r}, z: {z!r}}}\n"
+        "note: |\n  - *no* alias\n"
+        for i, (t, (x, y, z)) in enumerate(
+            zip(TIME.tolist(), PATH.tolist(), strict=True)
+        )
+    ]
+    return write(folder, "".join(documents), "d.yaml")
+
+
+def odometry_in_yaml(folder):
+    """Each message has a list of 36 covariances."""
+    messages = [
+        f"header:\n  stamp:\n    sec: {stamp // 10**9}\n    nanosec: {stamp % 10**9}\n"
+        "pose:\n  pose:\n    position:\n"
+        + "".join(f"      {a}: {v!r}\n" for a, v in zip("xyz", place, strict=True))
+        + "  covariance:\n"
+        + 36 * "  - .nan\n"
+        + "---\n"
+        for stamp, place in zip(STAMPS.tolist(), PATH.tolist(), strict=True)
+    ]
+    return write(folder, "".join(messages), "d.txt")
 
 
 def broken_yaml(folder):
@@ -1326,7 +1368,8 @@ def npy_of_recordings(folder):
 
 def json_recordings(folder):
     recordings = [
-        {n: a.T.squeeze().tolist() for n, a in r.items()} for r in _recordings()
+        {"header": {"operator": 1}} | {n: a.T.squeeze().tolist() for n, a in r.items()}
+        for r in _recordings()
     ]
     return write(folder, json.dumps({"demos": recordings}), "d.json")
 

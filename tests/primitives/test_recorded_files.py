@@ -74,6 +74,9 @@ POSITIONS = (
     files.parquet_of_bodies_in_turn,
     files.hdf5_of_angles_beside_a_position,
     files.zeros_at_the_end,
+    files.table_that_is_named_yaml,
+    files.json_lines_that_are_named_yaml,
+    files.yaml_documents,
     files.capitals,
     files.semicolons,
     files.decimal_commas,
@@ -191,7 +194,9 @@ REFUSED = {
     files.sensors_in_turn_without_a_choice: "sensor_id alternates: .* among 3, 7: --topic 3",
     files.yaml_of_joints: "holds neither objects nor lists of numbers",
     files.yaml_with_aliases: "YAML with aliases; write JSON",
-    files.broken_yaml: "holds no samples",
+    files.deep_yaml: "more than 100 levels",
+    files.deep_keys_in_yaml: "holds nothing",
+    files.broken_yaml: "no line of numbers",
     files.letter: r"no line of numbers .* header such as `time,x,y,z`",
     files.windows: r"the array \(5, 3, 3, 120\).* expected .* \(N, D\)",
     files.objects: r"Python objects, which may run code; save an array",
@@ -532,6 +537,9 @@ def test_messages_in_yaml_are_read_as_they_are_printed(tmp_path):
     assert_allclose(found.values[:, 3], files.JOINTS[:, 3], rtol=0.4)
     _, remarks = read_demonstrations([files.rostopic_echo_in_yaml(tmp_path).path])
     assert "2 broken documents left out" in remarks[0]
+    (found,), _ = read(files.odometry_in_yaml, tmp_path)
+    assert found.channels == ("x", "y", "z")
+    assert_allclose(found.values, files.PATH, atol=1e-12)
 
 
 @pytest.mark.parametrize("form", ["npz", "json", "yaml"])

@@ -218,6 +218,9 @@ def _fits_all(times: Any, lists: Mapping[str, Any]) -> bool:
 def _is_recording(item: Any) -> bool:
     """Return whether a value is a matrix over time, or a mapping with values over time."""
     if isinstance(item, Mapping):
+        header = item.get("header")
+        if isinstance(header, Mapping) and "stamp" in header:
+            return False  # A message of ROS, with a covariance.
         lists = (v for v in item.values() if isinstance(v, list | np.ndarray | Mapping))
         return any(
             _is_recording(v) or (not isinstance(v, Mapping) and len(v) >= _FEWEST)

@@ -78,11 +78,11 @@ def _reader_of_file(path: Path, first: bytes) -> _Reader:
         if first[place:].startswith(known):
             name = shlex.quote(str(path))
             raise SkillFileError(f"{path} is {advice.format(path=name)}")
-    if path.suffix.lower() in _ENDINGS:
-        return _ENDINGS[path.suffix.lower()]
     start = b"".join(first.split())[:2]
     if start == b"[[" or (start[:1] in (b"{", b"[") and b'"' in first):
         return nested.read_json
+    if path.suffix.lower() in _ENDINGS:
+        return _ENDINGS[path.suffix.lower()]
     is_vicon = motion_capture.is_vicon(first)
     return motion_capture.read_vicon if is_vicon else _read_text
 

@@ -23,12 +23,19 @@ from fmp_drake.primitives.data.reading.table import (
     count_text,
     readable,
 )
-from fmp_drake.primitives.data.reading.text import read_lines
+from fmp_drake.primitives.data.reading.text import (
+    number_in,
+    read_lines,
+    read_text,
+)
 
 _JSON_LINE = '{"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}'
-# In YAML: an alias, and a whole number before an exponent, which is no number there.
-_WHOLE = re.compile(r"(?<=[\s\[-])(\d+)(?=e[-+]\d)")
-_ALIAS = re.compile(r"(^|[:,[-])\s*\*\w", re.MULTILINE)
+# Numbers in YAML that Python writes differently.
+_NUMBERS = {"true": 1.0, "false": 0.0, ".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
+# Greatest depth of lists and mappings in YAML.
+_MOST_LEVELS = 100
+# Beginnings and ends of documents in YAML.
+_DOCUMENT = re.compile(r"^(?:---|\.\.\.)(?!\S)", re.MULTILINE)
 
 
 def read_json(path: Path, options: ReadingOptions) -> list[Table]:
@@ -49,29 +56,64 @@ def read_json(path: Path, options: ReadingOptions) -> list[Table]:
 def read_yaml(path: Path, options: ReadingOptions) -> list[Table]:
     """Return the numbers of YAML documents, as ROS prints messages, or of one as in JSON.
 
-    Broken documents, such as the last one, are left out.
+    Broken documents, such as the last one, are left out. A file without lists and mappings
+    is read as text.
     """
-    text = "\n".join(read_lines(path))
-    if _ALIAS.search(text):  # They may stand for gigabytes.
-        raise SkillFileError(f"{path} is YAML with aliases; write JSON instead.")
-    text = _WHOLE.sub(r"\1.0", text)
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     contents, broken = [], 0
-    for document in re.split(r"^---\s*$", text, flags=re.MULTILINE):
+    for document in _DOCUMENT.split("\n".join(read_lines(path))):
         try:
-            contents.append(yaml.load(document, Loader=loader))
-        except (yaml.YAMLError, ValueError, RecursionError):
+            contents.append(_yaml_content(path, document))
+        except yaml.YAMLError:
             broken += 1
+    # Between messages, ROS reports lost ones.
     messages = [content for content in contents if isinstance(content, dict)]
-    if messages:  # Between them ROS reports lost ones.
-        broken += sum(isinstance(content, str) for content in contents)
-        contents = messages
+    broken += bool(messages) * sum(isinstance(content, str) for content in contents)
+    contents = messages or [c for c in contents if isinstance(c, list)]
+    if not contents:
+        return read_text(path, options)
     with readable(path, "a YAML file"):
         content = contents[0] if len(contents) == 1 else contents
         tables = _nested_tables(path, content, options)
     count = count_text(broken, "broken document")
     remarks = (f"{count} left out",) if broken else ()
     return [replace(table, remarks=(*table.remarks, *remarks)) for table in tables]
+
+
+def _yaml_content(path: Path, document: str) -> Any:
+    """Return the lists, mappings, numbers and words in a YAML document.
+
+    Tags are ignored. Aliases, which may stand for gigabytes, are refused.
+    """
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    # Whether an open collection is a mapping, and its items: keys and values in turn.
+    stack: list[tuple[bool, list[Any]]] = [(False, [])]
+    for event in yaml.parse(document, Loader=loader):
+        is_mapping, items = stack[-1]
+        if isinstance(event, yaml.AliasEvent):
+            raise SkillFileError(f"{path} is YAML with aliases; write JSON instead.")
+        if len(stack) > _MOST_LEVELS:  # The time to read them grows as their square.
+            raise SkillFileError(
+                f"{path} has more than {_MOST_LEVELS} levels of lists."
+            )
+        if isinstance(event, yaml.ScalarEvent):
+            is_key = is_mapping and len(items) % 2 == 0
+            items.append(event.value if is_key or event.style else _value(event.value))
+        elif isinstance(event, yaml.CollectionStartEvent):
+            stack.append((isinstance(event, yaml.MappingStartEvent), []))
+        elif isinstance(event, yaml.CollectionEndEvent):
+            stack.pop()
+            pairs = zip(items[::2], items[1::2], strict=True) if is_mapping else ()
+            content = {key: value for key, value in pairs if isinstance(key, str)}
+            stack[-1][1].append(_listed(content) if is_mapping else items)
+    return next(iter(stack[0][1]), None)
+
+
+def _value(word: str) -> float | str | None:
+    """Return the number that a word in YAML stands for, or the word; None where empty."""
+    if not word:
+        return None
+    number = _NUMBERS.get(word.lower(), number_in(word))
+    return word if number is None else number
 
 
 def _nested_tables(path: Path, content: Any, options: ReadingOptions) -> list[Table]:

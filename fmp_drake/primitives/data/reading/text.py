@@ -395,7 +395,10 @@ def _first_row(path: Path, lines: list[str]) -> tuple[int, str]:
         ):
             return i, best
     if any(line.startswith(_YAML) for line in lines[:_LONGEST_PREAMBLE]):
-        raise YamlError(f"{path} is YAML.")
+        raise YamlError(
+            f"{path} is YAML that cannot be read; expected messages, as `ros2 topic echo` "
+            "prints them, or lists of numbers."
+        )
     raise SkillFileError(
         f"{path} has no line of numbers among its first {_LONGEST_PREAMBLE}; expected a "
         "table with a header such as `time,x,y,z`, as this writes: "
