@@ -457,12 +457,15 @@ def test_samples_may_be_numbered_before_a_time_without_a_name(tmp_path):
         read_demonstrations([files.write(tmp_path, text).path])
 
 
-@pytest.mark.parametrize("columns", ["index, count, time", "milliseconds, line"])
+@pytest.mark.parametrize(
+    "columns", ["index, count, time", "milliseconds, line", "encoder, time"]
+)
 def test_no_time_is_taken_from_counters_or_behind_a_time(columns, tmp_path):
     numbers = np.arange(len(files.TIME))
     first = {
         "index, count, time": (numbers, numbers + 1, files.TIME),
         "milliseconds, line": (20 * numbers, 0.05 * files.TIME),
+        "encoder, time": (1000 * numbers + 900 * (numbers % 2), files.TIME),
     }[columns]
     text = files.lines(*first, *files.PATH.T)
     with pytest.raises(FmpError, match=r"no column holds the time; .* time="):

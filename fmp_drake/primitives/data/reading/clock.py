@@ -149,9 +149,8 @@ def _is_steady(column: Column) -> bool:
 def _is_count(column: Column) -> bool:
     """Return whether a column counts rows or messages, unlike stamps in us, ns or since 1970."""
     start, step = column.values[0], np.median(np.diff(column.values))
-    return bool(
-        column.is_counter and start < _EPOCHS["s"][0] and step <= _LARGEST_COUNT
-    )
+    is_clock = step > _LARGEST_COUNT and _is_steady(column)
+    return column.is_counter and not is_clock and bool(start < _EPOCHS["s"][0])
 
 
 def _numbers_samples(column: Column) -> bool:
