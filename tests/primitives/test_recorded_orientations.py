@@ -648,3 +648,17 @@ def test_a_pose_of_doosan_is_in_mm_and_in_degrees_about_z_y_and_z(stem, tmp_path
     angles = found.select(names[6:])
     assert angles.units == ("rad",) * 6
     assert_allclose(angles.values, files.JOINTS[:, :6], atol=1e-12)
+
+
+@pytest.mark.parametrize("form", ["markers", "units"])
+def test_other_six_numbers_named_as_doosan_names_a_pose_are_none(form, tmp_path):
+    numbers = np.hstack([files.PATH + i for i in range(6)])
+    names = [f"pos{axis}_{i}" for i in range(6) for axis in "xyz"]
+    if form == "units":
+        numbers = numbers[:, :6]
+        names = [f"posx_{i} [{'m' if i < 3 else 'rad'}]" for i in range(6)]
+    header = ",".join(["time", *names])
+    text = files.lines(files.TIME, *numbers.T, header=header)
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == tuple(name.partition(" ")[0] for name in names)
+    assert_allclose(found.values, numbers, atol=1e-12)

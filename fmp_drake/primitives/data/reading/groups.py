@@ -98,6 +98,10 @@ def column_groups(
         if stem != prefix and count > 3 and not _CARTESIAN.fullmatch(stem):
             yield _numbered_joints(table, stem, numbered, values)
             continue
+        # Coordinates of six markers, or a header with other units than Doosan's.
+        is_other = f"{prefix[:-1]}y" in numbered or any(table.units[i] for i in sources)
+        if is_other and _DOOSAN.fullmatch(prefix):
+            continue
         recognised = _recognise(prefix, values[:, sources], options)
         if recognised is not None:
             labels, units, poses, lacks_order = recognised
