@@ -515,11 +515,18 @@ def test_properties_of_the_columns_of_a_force_plate_are_before_the_numbers(tmp_p
     assert_allclose(found.values[:, :3], files.FORCE)
 
 
+@pytest.mark.parametrize("count", [2, 3, 6])
 @pytest.mark.parametrize("form", ["list", "lines"])
-def test_joint_states_in_json_have_the_names_of_their_joints(form, tmp_path):
+def test_joint_states_in_json_have_the_names_of_their_joints(form, count, tmp_path):
     names = [f"{word}_joint" for word in ("elbow", "lift", "pan", "a", "b", "c")]
+    names = names[:count]
     states = [
-        {"time": float(t), "name": names, "position": [*q[:6]], "velocity": [0.0] * 6}
+        {
+            "time": float(t),
+            "name": names,
+            "position": [*q[:count]],
+            "velocity": [0.0] * count,
+        }
         for t, q in zip(files.TIME, files.JOINTS, strict=True)
     ]
     lines = [json.dumps(state) for state in states]
@@ -527,7 +534,7 @@ def test_joint_states_in_json_have_the_names_of_their_joints(form, tmp_path):
     path = files.write(tmp_path, text, name="d.json").path
     (found,), remarks = read_demonstrations([path])
     assert found.channels == tuple(names)
-    assert_allclose(found.values, files.JOINTS[:, :6])
+    assert_allclose(found.values, files.JOINTS[:, :count])
     assert "name" not in remarks[0]
 
 

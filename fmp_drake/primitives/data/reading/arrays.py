@@ -288,7 +288,9 @@ def table_of(
         if name == angles:  # Numbered as the velocities beside it.
             stem = name.removesuffix("position")
             words |= {f"{stem}name_{i}": word for i, word in enumerate(joints, 1)}
-        axes: Sequence[Any] = "xyz" if width == 3 else range(1, width + 1)
+        is_named = f"{name[: name.rfind('.') + 1]}name_1" in words  # Joints.
+        is_place = width == 3 and not is_named
+        axes: Sequence[Any] = "xyz" if is_place else range(1, width + 1)
         names += [
             f"{name}_{axis}" if name and array.ndim == 2 else name for axis in axes
         ]

@@ -95,7 +95,8 @@ def column_groups(
         if count in range(8, 16) and is_state:
             count, sources = 7, sources[:7]
         stem = prefix if prefix in matrices else prefix.removesuffix("position")
-        if stem != prefix and count > 3 and not _CARTESIAN.fullmatch(stem):
+        are_joints = count > 3 or f"{stem}name_1" in table.words
+        if stem != prefix and are_joints and not _CARTESIAN.fullmatch(stem):
             yield _numbered_joints(table, stem, numbered, values)
             continue
         # Coordinates of six markers, or a header with other units than Doosan's.
