@@ -20,9 +20,9 @@ from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 from fmp_drake.primitives.playback.motion import Motion
 
-# Distances from the start, relative to the greatest, that a movement has left; the time before
-# the first one, relative to that between them, where the jerk is least.
-_LEFT, _RISE = (0.01, 0.1), 0.75
+# Onset of a movement: two distances from the start, relative to the greatest, and the time
+# to the first, relative to the time between them, for a movement of minimum jerk.
+_ONSET_DISTANCES, _ONSET_TIME = (0.01, 0.1), 0.75
 # Greatest swing of a correction relative to the errors that it corrects.
 _MOST_SWING = 10.0
 
@@ -108,11 +108,10 @@ class DiscreteMovementPrimitive(BaseEstimator):  # type: ignore[misc]
     """Model of movements from a start to a goal, learned from whole demonstrations.
 
     Each demonstration is one movement, of any duration; rest before and after it is left
-    out. It is resampled to T samples
-    and mirrored, which gives a window of 2T samples that closes (footnote 1 of
-    the paper); a `FourierMovementPrimitive` learns the mirrored windows. The samples
-    are taken in the middle of T equal parts of the duration, so that the mirrors of
-    the period lie at the very start and end of the movement.
+    out. It is resampled to T samples and mirrored, which gives a window of 2T samples that
+    closes (footnote 1 of the paper); a `FourierMovementPrimitive` learns the mirrored
+    windows. The samples are taken in the middle of T equal parts of the duration, so that
+    the mirrors of the period lie at the very start and end of the movement.
 
     Parameters
     ----------
@@ -368,7 +367,7 @@ def _onset(time: Array, path: Array) -> float:
     It is extrapolated from two distances, as for a movement of minimum jerk.
     """
     distances = np.linalg.norm(path - path[0], axis=1)
-    near, far = np.array(_LEFT) * distances.max()
+    near, far = np.array(_ONSET_DISTANCES) * distances.max()
     if far == 0:
         return float(time[0])
     beyond = int(np.argmax(distances > far))
@@ -377,7 +376,7 @@ def _onset(time: Array, path: Array) -> float:
         np.interp(distance, distances[i : i + 2], time[i : i + 2])
         for i, distance in ((before, near), (beyond - 1, far))
     )
-    return max(float(early - _RISE * (late - early)), float(time[0]))
+    return max(float(early - _ONSET_TIME * (late - early)), float(time[0]))
 
 
 def _mirrored(demonstration: Demonstration, n_steps: int, rate: float) -> Demonstration:

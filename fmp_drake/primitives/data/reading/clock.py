@@ -46,7 +46,7 @@ _MEASURABLE = 100
 # intervals, least number of such intervals, also relative to the samples, and fraction of
 # the time between. A movement may pause a few times.
 _PAUSE, _LEAST_BURSTS, _BURSTS, _PAUSED = 10.0, 5, 0.02, 0.8
-# Greatest step of whole numbers without a name that may count something else than us or ns.
+# Greatest step of a counter without a name; those of stamps in us or ns are greater.
 _LARGEST_COUNT = 500
 # Fraction of steps of a clock that are alike.
 _MOSTLY = 0.8

@@ -54,7 +54,7 @@ def read_json(path: Path, options: ReadingOptions) -> list[Table]:
 
 
 def read_yaml(path: Path, options: ReadingOptions) -> list[Table]:
-    """Return the numbers of YAML documents, as ROS prints messages, or of one as in JSON.
+    """Return the numbers in YAML: in messages that ROS printed, or in one document as in JSON.
 
     Broken documents, such as the last one, are left out. A file without lists and mappings
     is read as text.
@@ -84,10 +84,9 @@ def _yaml_content(path: Path, document: str) -> Any:
 
     Tags are ignored. Aliases, which may stand for gigabytes, are refused.
     """
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    # Whether an open collection is a mapping, and its items: keys and values in turn.
+    # Whether each open collection is a mapping, and its items: keys and values in turn.
     stack: list[tuple[bool, list[Any]]] = [(False, [])]
-    for event in yaml.parse(document, Loader=loader):
+    for event in yaml.parse(document, Loader=yaml.CSafeLoader):
         is_mapping, items = stack[-1]
         if isinstance(event, yaml.AliasEvent):
             raise SkillFileError(f"{path} is YAML with aliases; write JSON instead.")

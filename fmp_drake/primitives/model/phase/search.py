@@ -86,7 +86,7 @@ _MOST_HARMONICS = 400
 # Most strokes in one closed cycle, for each of which a phase model has two of its 80
 # components, and most samples: longer recordings may end where they begin by chance.
 _MOST_STROKES, _LONGEST_LAP = 40, 3600
-# Most strokes in one place of a lap that is otherwise left out; more are a movement.
+# Most cycles in one place that may be strokes of a lap, of which the others are left out.
 _MOST_IN_PLACE = 5
 # Turns of a spiral: least change of their amplitude relative to its mean, greatest relative
 # difference of its steps from their mean, and greatest part of the lap.
