@@ -43,9 +43,9 @@ _MOST_REPEATED, _MOST_EQUAL = 0.1, 0.5
 # Least number of samples from whose times a rate is read to a percent.
 _MEASURABLE = 100
 # Samples that were received in bursts: least interval between bursts, in medians of all
-# intervals, least number of such intervals, also relative to the samples, and fraction of
-# the time between. A movement may pause a few times.
-_PAUSE, _LEAST_BURSTS, _BURSTS, _PAUSED = 10.0, 5, 0.02, 0.8
+# intervals, greatest number of pauses of a movement, also relative to the samples, and
+# fraction of the time between.
+_PAUSE, _MOST_PAUSES, _PAUSES, _PAUSED = 10.0, 4, 0.02, 0.8
 # Greatest step of a counter without a name; those of stamps in us or ns are greater.
 _LARGEST_COUNT = 500
 # Fraction of steps of a clock that are alike.
@@ -235,7 +235,7 @@ def ordered_times(
             f"Give the sample rate instead: --sample-rate {rate}"
         )
     pauses = forward[forward > _PAUSE * interval]
-    is_frequent = len(pauses) >= max(_LEAST_BURSTS, _BURSTS * count)
+    is_frequent = len(pauses) > max(_MOST_PAUSES, _PAUSES * count)
     if is_frequent and np.sum(pauses) > _PAUSED * np.sum(forward):
         mean = float(np.sum(forward) / count)
         raise DemonstrationError(
