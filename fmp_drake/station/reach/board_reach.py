@@ -224,11 +224,16 @@ class ArmClearance:
                 X[i, j] = self._plant.EvalBodyPoseInWorld(
                     self._context, link
                 ).GetAsMatrix34()
-        p_W = moved(X[:, self._owner], self._points)
-        p = along(curvature, moved(X_BW[:, None], p_W))
-        distance = clearances(p, self._radii, box)
+        distance = np.empty((len(q), len(self._links)))
+        for j in range(len(self._links)):  # All at once would take gigabytes.
+            is_here = self._owner == j
+            X_BL = X_BW[..., :3] @ X[:, j]
+            X_BL[..., 3] += X_BW[..., 3]
+            p_B = self._points[is_here] @ X_BL[..., :3].mT + X_BL[:, None, :, 3]
+            p = along(curvature, p_B)
+            distance[:, j] = np.min(clearances(p, self._radii[is_here], box), axis=1)
         nearest = int(np.argmin(np.min(distance, axis=0)))
-        return np.min(distance, axis=1), self._links[self._owner[nearest]].name()
+        return np.min(distance, axis=1), self._links[nearest].name()
 
 
 class BoardReach:

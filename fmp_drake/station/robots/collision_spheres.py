@@ -25,7 +25,13 @@ _FELT = "eraser::felt"  # Compliant geometry, which has no spheres.
 # Of the spheres at the rims of a cylinder, rad.
 _RIM_ANGLES = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
 # Directions in which the convex hull of a mesh has a sphere at its farthest vertex.
-_DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
+_SIDES = (-1.0, -0.5, 0.0, 0.5, 1.0)
+_DIRECTIONS = np.array([d for d in product(_SIDES, repeat=3) if max(map(abs, d)) == 1])
+# Directions of its corners, and their weights at the corners, edges and faces of a box.
+_CORNERS = np.array([*product((-1.0, 1.0), repeat=3)])
+_WEIGHTS = np.array(
+    [np.prod(0.5 + _CORNERS * d, axis=1) for d in product((-0.5, 0.0, 0.5), repeat=3)]
+)
 
 
 class CollisionSpheres(NamedTuple):
@@ -51,7 +57,8 @@ def CollectCollisionSpheres(
 ) -> CollisionSpheres:
     """Collect the spheres of a model: corners, rims, and five along each capsule.
 
-    A mesh is its convex hull, as in contact, with up to 26 of its vertices.
+    A mesh is its convex hull, as in contact, with up to 98 of its vertices, and 27 points
+    between those at its corners, as in a box.
 
     Raises
     ------
@@ -98,7 +105,8 @@ def _spheres(shape: Any) -> tuple[Array, float]:
         hull = shape.GetConvexHull()
         vertices = np.array([hull.vertex(i) for i in range(hull.num_vertices())])
         farthest = np.argmax(vertices @ _DIRECTIONS.T, axis=0)
-        return vertices[np.unique(farthest)], 0.0
+        corners = vertices[np.argmax(vertices @ _CORNERS.T, axis=0)]
+        return np.vstack([vertices[np.unique(farthest)], _WEIGHTS @ corners]), 0.0
     r, length = shape.radius(), shape.length()
     rims = product(_RIM_ANGLES, ends)
     return np.array([[r * np.cos(a), r * np.sin(a), e * length] for a, e in rims]), 0.0
