@@ -324,6 +324,23 @@ def test_a_sphere_is_one_of_the_collision_spheres():
     assert_allclose(found.radii, [0.03])
 
 
+def test_a_link_of_a_mesh_without_a_picture_is_seen_by_a_renderer(tmp_path):
+    corners = product((-0.05, 0.05), repeat=3)
+    vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
+    (tmp_path / "link.obj").write_text(vertices + "f 1 2 3\n")  # Without normals.
+    mesh = "<mesh filename='link.obj'/>"
+    changes = {"<visual>.*?</visual>": "", "<drake:capsule[^>]*/>": mesh}
+    file = _own(tmp_path, changes)
+    scene = AddBoardScene(
+        DiagramBuilder(), Scenario(robot=str(file)), start=[0.0, 0.0, 0.1]
+    )
+    plant, inspector = scene.plant, scene.scene_graph.model_inspector()
+    frame = plant.GetBodyFrameIdOrThrow(plant.GetBodyByName("ur5e_link2").index())
+    seen = inspector.GetGeometries(frame, Role.kPerception)
+    assert len(seen) == len(inspector.GetGeometries(frame, Role.kProximity)) >= 2
+    assert all(isinstance(inspector.GetShape(hull), Convex) for hull in seen)
+
+
 def test_a_mesh_has_spheres_all_over_its_hull_as_a_box_has(tmp_path):
     corners = np.array([*product((-15.0, 15.0), (-20.0, 20.0), (-25.0, 25.0))])
     inside = np.full((1, 3), 5.0)

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import (
     CollisionFilterDeclaration,
+    Convex,
+    GeometryInstance,
     MakePhongIllustrationProperties,
     Mesh,
     PerceptionProperties,
@@ -553,19 +555,28 @@ def ShowContactGeometry(robot: Robot, scene_graph: SceneGraph) -> None:
     for i in plant.GetBodyIndices(robot.arm):
         body = plant.get_body(i)
         pictures = map(inspector.GetShape, plant.GetVisualGeometriesForBody(body))
-        shapes = plant.GetCollisionGeometriesForBody(body)
-        if not shapes or not all(_IsUndrawn(picture) for picture in pictures):
+        geometries = plant.GetCollisionGeometriesForBody(body)
+        if not geometries or not all(_IsUndrawn(picture) for picture in pictures):
             continue
         perception = PerceptionProperties()
         perception.AddProperty("phong", "diffuse", Rgba(*_LINK_COLOUR))
         illustration = MakePhongIllustrationProperties(np.array(_LINK_COLOUR))
+        frame = plant.GetBodyFrameIdOrThrow(i)
         for role in (Role.kIllustration, Role.kPerception):
-            frame = plant.GetBodyFrameIdOrThrow(i)
             scene_graph.RemoveRole(source, frame, role)
-        for shape in shapes:
-            scene_graph.AssignRole(source, shape, illustration)
-            if not isinstance(inspector.GetShape(shape), Mesh):  # It may lack normals.
-                scene_graph.AssignRole(source, shape, perception)
+        for geometry in geometries:
+            scene_graph.AssignRole(source, geometry, illustration)
+            shape, drawn = inspector.GetShape(geometry), geometry
+            if isinstance(
+                shape, Mesh
+            ):  # It may lack the normals that a renderer needs.
+                hull = GeometryInstance(
+                    inspector.GetPoseInFrame(geometry),
+                    Convex(shape.source(), shape.scale3()),
+                    inspector.GetName(geometry),
+                )
+                drawn = scene_graph.RegisterGeometry(source, frame, hull)
+            scene_graph.AssignRole(source, drawn, perception)
 
 
 def _IsUndrawn(shape: Shape) -> bool:
