@@ -143,7 +143,7 @@ class FilmScene:
         except RuntimeError as error:
             raise RunError(
                 f"the scene cannot be drawn: {error}. Correct the mesh; a model "
-                "may have no <visual>."
+                "needs no <visual>."
             ) from None
         self._surface = plant.GetFrameByName("surface")
         eye = np.array(camera.eye)

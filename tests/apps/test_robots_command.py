@@ -38,7 +38,7 @@ def test_missing_picture_of_a_robot_is_found_before_it_is_used(refused, tmp_path
     file.write_text(config.replace("ur5e.urdf", "mine.urdf"))
     message = refused("robots", file)
     assert "mine.urdf cannot be read" in message
-    assert message.endswith("a model may have no <visual>.\n")
+    assert message.endswith("a model needs no <visual>.\n")
 
 
 def test_a_robot_that_no_station_can_control_is_listed_with_the_reason(

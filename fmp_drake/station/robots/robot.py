@@ -272,7 +272,7 @@ def AddRobot(
     hint = (
         " Meshes are found relative to the model, or in its package, a folder with a "
         "package.xml around it; those of a <collision> are .obj, .gltf or .vtk files, and a "
-        "model may have no <visual>."
+        "model needs no <visual>."
     )
     if Path(config.model).suffix.lower() == ".xacro":
         raise StationError(
