@@ -247,12 +247,16 @@ def rostopic_echo_in_yaml(folder):
     return write(folder, "".join([*messages[:9], lost, *messages[9:], "header: {"]))
 
 
+def header_in_yaml(stamp):
+    sec, nanosec = divmod(stamp, 10**9)
+    return f"header:\n  stamp:\n    sec: {sec}\n    nanosec: {nanosec}\n"
+
+
 def ros2_topic_echo_of_joints(folder):
     """Numbers such as 1e-05, which YAML takes for words."""
     angles = np.where(np.arange(7) == 2, 1e-5 * (1 + JOINTS), JOINTS)
     messages = [
-        f"header:\n  stamp:\n    sec: {stamp // 10**9}\n    nanosec: {stamp % 10**9}\n"
-        "  frame_id: ''\nname:\n"
+        f"{header_in_yaml(stamp)}  frame_id: ''\nname:\n"
         + "".join(f"- joint_{i}\n" for i in range(1, 8))
         + "position:\n"
         + "".join(f"- {angle:.0e}\n" for angle in q)
@@ -297,8 +301,7 @@ def yaml_documents(folder):
 def odometry_in_yaml(folder):
     """Each message has a list of 36 covariances."""
     messages = [
-        f"header:\n  stamp:\n    sec: {stamp // 10**9}\n    nanosec: {stamp % 10**9}\n"
-        "pose:\n  pose:\n    position:\n"
+        f"{header_in_yaml(stamp)}pose:\n  pose:\n    position:\n"
         + "".join(f"      {a}: {v!r}\n" for a, v in zip("xyz", place, strict=True))
         + "  covariance:\n"
         + 36 * "  - .nan\n"

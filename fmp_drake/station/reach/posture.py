@@ -43,7 +43,7 @@ def SolvePosture(
     Where that fails, for example with the posture of a table-top arm on a ceiling, the
     search begins at random angles, and the result farthest from the joint limits is
     returned. Joints are outside the springs at their limits where that is possible near
-    the preferred posture, or at an angle nearer to it.
+    the preferred posture, or where a search from random angles ends nearer to it.
 
     Parameters
     ----------

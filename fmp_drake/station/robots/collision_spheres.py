@@ -63,7 +63,7 @@ def CollectCollisionSpheres(
     Raises
     ------
     StationError
-        Where a shape is another one, or there is none.
+        Where there is no shape, or one that is none of these.
     """
     inspector = scene_graph.model_inspector()
     bodies, points, radii = [], [], []

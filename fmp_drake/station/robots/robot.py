@@ -287,8 +287,8 @@ def AddRobot(
         )
     if not Path(config.model).is_file():
         raise StationError(
-            f"there is no model {config.model}; name a URDF or SDF file, relative to the "
-            "robot's YAML file."
+            f"there is no model {config.model}; give the path of a URDF or SDF file, "
+            "relative to the robot's YAML file."
         )
     with in_one_line(f"{Path(config.model).name} cannot be read", hint):
         for folder in Path(config.model).absolute().parents[:3]:
@@ -567,9 +567,8 @@ def ShowContactGeometry(robot: Robot, scene_graph: SceneGraph) -> None:
         for geometry in geometries:
             scene_graph.AssignRole(source, geometry, illustration)
             shape, drawn = inspector.GetShape(geometry), geometry
-            if isinstance(
-                shape, Mesh
-            ):  # It may lack the normals that a renderer needs.
+            # A renderer needs normals, which a mesh may lack.
+            if isinstance(shape, Mesh):
                 hull = GeometryInstance(
                     inspector.GetPoseInFrame(geometry),
                     Convex(shape.source(), shape.scale3()),

@@ -119,8 +119,7 @@ def _nested_tables(path: Path, content: Any, options: ReadingOptions) -> list[Ta
     """Return the tables of the recordings in a list of objects, or an object of lists."""
     recordings = recordings_in(content if isinstance(content, dict) else {"": content})
     return [
-        table_of(path, _json_columns(path, each), topic=options.topic)
-        for each in recordings
+        table_of(path, _columns(path, each), topic=options.topic) for each in recordings
     ]
 
 
@@ -147,8 +146,8 @@ def _listed(content: dict[str, Any]) -> Any:
     return list(content.values()) if is_list else content
 
 
-def _json_columns(path: Path, content: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of one recording in JSON; a list has the name ""."""
+def _columns(path: Path, content: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of one recording; a list has the name ""."""
     values = dict(flat_values(content))
     rows = values[""] if list(values) == [""] else []
     is_rows = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
@@ -187,6 +186,6 @@ def _column(values: list[Any]) -> NDArray[Any] | None:
 
 
 def _is_objects(content: Any) -> bool:
-    """Return whether a value from JSON is a list of objects."""
+    """Return whether a value is a list of objects."""
     is_list = isinstance(content, list) and len(content) > 0
     return is_list and all(isinstance(item, dict) for item in content)

@@ -397,7 +397,7 @@ def _omits_strokes(rhythm: Rhythm, path: Array, rate: float) -> bool:
 
     Of strokes along a line and back, only those where it turns resemble one another. A part
     of one period is a stroke if it is not direct, unlike one of a winding approach. A path of
-    more than `_LONGEST_LAP` samples is not a lap.
+    more than `_LONGEST_LAP` samples is not a lap, nor one with many cycles in one place.
     """
     if rhythm.cycles > _MOST_IN_PLACE or len(path) > _LONGEST_LAP:
         return False
