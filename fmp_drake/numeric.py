@@ -1,7 +1,9 @@
-"""Types of arrays, checks of the user's values, and the limit of BLAS threads."""
+"""Types of arrays, checks of the user's values, and threads."""
 
 import operator
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from types import NoneType
@@ -224,3 +226,12 @@ def one_blas_thread() -> Iterator[None]:
     """
     with _libraries().limit(limits=1, user_api="blas"):
         yield
+
+
+def in_threads[T, R](function: Callable[[T], R], values: Iterable[T]) -> list[R]:
+    """Apply a function to values in parallel threads, which pays where NumPy takes the time.
+
+    At most eight threads, because each needs memory for its own arrays.
+    """
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, 8)) as executor:
+        return list(executor.map(function, values))

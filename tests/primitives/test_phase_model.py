@@ -25,8 +25,8 @@ from fmp_drake.primitives.model.phase.calibration import (
     calibrate_replay,
     variance_factor,
 )
-from fmp_drake.primitives.model.phase.components import leading_eigenvectors
 from fmp_drake.primitives.model.phase.cycle import Cycle
+from fmp_drake.primitives.model.phase.eigenvectors import leading_eigenvectors
 from fmp_drake.primitives.model.phase.random_processes import (
     Autoregression,
     Residual,

@@ -517,10 +517,8 @@ def _cross_validation(
         if not len(trials):
             continue
         residual = Residual.fit(rest.phases, rest.residuals())
-        gaussian = grid_gaussians(rest, residual, grid, steps - k)
-        means, covariances = map(
-            np.stack, zip(*map(gaussian, range(len(grid.phases))), strict=True)
-        )
+        gaussians = grid_gaussians(rest, residual, grid, steps - k)
+        means, covariances = gaussians(slice(None))
         conditioning = Conditioning(
             np.ones(len(means)),
             means.reshape(len(means), -1),

@@ -5,12 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.linalg import eigh_tridiagonal
-from scipy.linalg.lapack import dormqr, dsytrd, dsytrd_lwork
 
-from fmp_drake.numeric import Array, Indices
+from fmp_drake.numeric import Array, Indices, in_threads
 from fmp_drake.primitives.model.basis import FourierBasis
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
+from fmp_drake.primitives.model.phase.eigenvectors import (
+    leading_eigenvectors,
+    symmetric_roots,
+)
 from fmp_drake.primitives.model.phase.random_processes import (
     Residual,
     phase_covariance,
@@ -25,8 +27,8 @@ _COVARIANCE_WINDOWS = 60.0
 _WHITE_NOISE = 1e-10
 # With more cycles, windows that are cut by the end of a recording are left out.
 _MANY_CYCLES = 12.0
-# Columns that LAPACK reflects at a time.
-_BLOCK = 64
+# Rows of the Gram matrices that are mixed at a time.
+_ROWS = 32
 
 
 class PhaseGrid(NamedTuple):
@@ -102,12 +104,12 @@ def phase_components(
     gaussians = grid_gaussians(track, residual, grid, steps)
 
     def component(m: int) -> LowRankGaussian:
-        mean, covariance = gaussians(m)
+        [mean], [covariance] = gaussians(slice(m, m + 1))
         return _low_rank(
             mean, _rescaled(covariance, growth, added_covariance), weights, rank
         )
 
-    return tuple(map(component, range(len(grid.phases))))
+    return tuple(in_threads(component, range(len(grid.phases))))
 
 
 def grid_gaussians(
@@ -115,11 +117,11 @@ def grid_gaussians(
     residual: Residual,
     grid: PhaseGrid,
     steps: Indices,
-) -> Callable[[int], tuple[Array, Array]]:
-    """Return a function that gives mean (n, D) and covariance (n D, n D) at a grid phase.
+) -> Callable[[slice], tuple[Array, Array]]:
+    """Return a function that gives means (m, n, D) and covariances (m, n D, n D).
 
-    Both are those of samples. The argument is the index of the phase. The parameters are
-    those of `phase_components`; `steps` (n,) are the increasing times of the samples
+    Both are those of samples at phases of the grid, whose indices are the argument. The
+    parameters are those of `phase_components`; `steps` (n,) are the increasing times of the samples
     relative to the reference step.
     """
     cycle, velocity = track.cycle, track.velocity
@@ -137,10 +139,10 @@ def grid_gaussians(
     cycles = cycle.values(paths)
     tangents = cycle.values(paths, 1).reshape(len(paths), -1)
 
-    def structure(m: int, spread: float = 0.0) -> Array:
+    def structure(m: slice, spread: Array | float = 0.0) -> Array:
         prior = noise + spread
-        prior *= tangents[m]
-        prior *= tangents[m][:, None]
+        prior = prior * tangents[m, None]
+        prior *= tangents[m, :, None]
         prior += shift_covariance
         prior += residual.shaped_covariance(paths[m], residual_covariance)
         return prior
@@ -148,7 +150,7 @@ def grid_gaussians(
     errors = _errors(track, cycles, grid.phases, steps)
     counts = np.array([float(len(windows)) for windows in errors])
     conditional_covariances = {
-        m: _fill_missing(windows, structure(m))
+        m: _fill_missing(windows, structure(slice(m, m + 1))[0])
         for m, windows in enumerate(errors)
         if np.isnan(windows).any()
     }
@@ -159,25 +161,29 @@ def grid_gaussians(
         np.matmul(windows.T, windows, out=grams[m])
     for m, conditional in conditional_covariances.items():
         grams[m] += conditional
-    # One row at a time: two copies of all of them need much memory.
-    for row in range(len(noise)):
-        grams[:, row] = kernel @ grams[:, row]
 
-    def gaussian(m: int) -> tuple[Array, Array]:
-        windows, total = float(kernel[m] @ counts), sums[m]
+    def mix(row: int) -> None:
+        rows = np.s_[:, row : row + _ROWS]
+        grams[rows] = np.tensordot(kernel, grams[rows], 1)
+
+    # A few rows at a time: two copies of all of them need much memory.
+    in_threads(mix, range(0, len(noise), _ROWS))
+
+    def gaussians(m: slice) -> tuple[Array, Array]:
+        windows, total = (kernel[m] @ counts)[:, None], sums[m]
         weight = _COVARIANCE_WINDOWS + windows
         move = total / (windows + _MEAN_WINDOWS)
         # The windows' scatter about the moved mean is their Gram matrix minus this.
-        pair = np.stack([move, total - windows / 2 * move])
-        spread = grid.cell_widths[m] ** 2 / 12 * weight / _COVARIANCE_WINDOWS
-        covariance = structure(m, spread)
-        covariance *= _COVARIANCE_WINDOWS
-        covariance += grams[m]
-        covariance -= pair.T @ pair[::-1]
-        covariance /= weight
-        return cycles[m] + move.reshape(n_steps, d), covariance
+        pair = np.stack([move, total - windows / 2 * move], axis=1)
+        spread = grid.cell_widths[m, None] ** 2 / 12 * weight / _COVARIANCE_WINDOWS
+        covariances = structure(m, spread[..., None])
+        covariances *= _COVARIANCE_WINDOWS
+        covariances += grams[m]
+        covariances -= pair.mT @ pair[:, ::-1]
+        covariances /= weight[..., None]
+        return cycles[m] + move.reshape(-1, n_steps, d), covariances
 
-    return gaussian
+    return gaussians
 
 
 def _errors(
@@ -247,13 +253,6 @@ def _kernel(phases: Array) -> Array:
     return weights
 
 
-def symmetric_roots(covariances: Array) -> Array:
-    """Return the symmetric square roots of covariances (n, D, D)."""
-    variances, vectors = np.linalg.eigh(covariances)
-    half = vectors * np.sqrt(np.maximum(variances, 0.0))[:, None, :]
-    return half @ np.swapaxes(vectors, 1, 2)
-
-
 def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
     """Return a covariance (T D, T D) whose later samples have another uncertainty.
 
@@ -270,27 +269,6 @@ def _rescaled(covariance: Array, growth: Array, added: Array) -> Array:
     conditional += added
     covariance[first:, first:] += conditional
     return covariance
-
-
-def leading_eigenvectors(matrix: Array, count: int) -> tuple[Array, Array]:
-    """Return the greatest eigenvalues of a symmetric matrix and their vectors (n, count).
-
-    The matrix is overwritten. The tridiagonal matrix is decomposed in full: finding
-    only some of its eigenvectors takes longer. Only the requested ones are transformed
-    back, which saves a third of the time of `numpy.linalg.eigh`.
-    """
-    n = len(matrix)
-    size = int(dsytrd_lwork(n, lower=1)[0])
-    reflectors, diagonal, off_diagonal, scales, _ = dsytrd(
-        matrix.T, lower=1, lwork=size, overwrite_a=1
-    )
-    values, vectors = eigh_tridiagonal(diagonal, off_diagonal, check_finite=False)
-    leading = vectors[:, n - count :]
-    # The product of the reflections does not change the first row.
-    leading[1:] = dormqr(
-        "L", "N", reflectors[1:, :-1], scales, leading[1:], lwork=_BLOCK * count
-    )[0]
-    return values[n - count :], leading
 
 
 def _low_rank(

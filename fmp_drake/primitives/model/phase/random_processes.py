@@ -374,11 +374,11 @@ class Residual:
         return np.linalg.solve(self.factor(phase), values[..., None])[..., 0]
 
     def shaped_covariance(self, phase: Array, covariance: Array) -> Array:
-        """Return the covariance (n D, n D) of L v at phases (n,) for that of v."""
+        """Return the covariance (..., n D, n D) of L v at phases (..., n) for that of v."""
         factor = self.factor(phase)
-        n, d, _ = factor.shape
-        half = (factor @ covariance.reshape(n, d, n * d)).reshape(n * d, n * d)
-        return (factor @ half.T.reshape(n, d, n * d)).reshape(n * d, n * d)
+        *m, n, d, _ = factor.shape
+        half = (factor @ covariance.reshape(n, d, n * d)).reshape(*m, n * d, n * d)
+        return (factor @ half.mT.reshape(*m, n, d, n * d)).reshape(*m, n * d, n * d)
 
     def factor(self, phase: Array) -> Array:
         """Return L at phases (...), shape (..., D, D)."""
