@@ -6,6 +6,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -613,6 +614,22 @@ def test_joint_names_leave_velocities_and_commands_as_they_are(tmp_path):
     np.savez(tmp_path / "b.npz", t=files.TIME, joint_names=words, **arrays)
     (found,), _ = read_demonstrations([tmp_path / "b.npz"])
     assert_allclose(found.select(words).values, files.JOINTS)
+
+
+def test_a_key_in_one_object_only_takes_no_memory_for_the_others(tmp_path):
+    step = 2 * np.pi / 100
+    rows = [
+        {"t": k / 20, "x": np.cos(k * step), "y": np.sin(k * step), "z": 0.0, f"id{k}": k}
+        for k in range(5000)
+    ]
+    path = files.write(tmp_path, json.dumps(rows), "d.json").path
+    tracemalloc.start()
+    demonstration = Demonstration.load(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert demonstration.values.shape == (5000, 3)
+    # A column for each key has 200 MB.
+    assert peak < 60e6
 
 
 def test_stamps_in_seconds_and_nanoseconds_are_exact(tmp_path):

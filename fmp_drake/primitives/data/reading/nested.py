@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +35,8 @@ _JSON_LINE = '{"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}'
 _NUMBERS = {"true": 1.0, "false": 0.0, ".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
 # Greatest depth of lists and mappings in YAML.
 _MOST_LEVELS = 100
+# Keys in less than one of so many objects are left out.
+_RAREST = 100
 # Beginnings and ends of documents in YAML.
 _DOCUMENT = re.compile(r"^(?:---|\.\.\.)(?!\S)", re.MULTILINE)
 
@@ -171,7 +174,9 @@ def _columns(path: Path, content: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
 def _object_columns(objects: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
     """Return the arrays over a list of objects, NaN where a value is missing."""
     rows = [dict(flat_values(item)) for item in objects]
-    names = dict.fromkeys(name for row in rows for name in row)
+    counts = Counter(name for row in rows for name in row)
+    # A key of each object's own, such as its number, would make the table a square.
+    names = [name for name, count in counts.items() if count * _RAREST >= len(rows)]
     columns = {name: _column([row.get(name) for row in rows]) for name in names}
     return {name: column for name, column in columns.items() if column is not None}
 
