@@ -35,7 +35,7 @@ def robots(files: tuple[str, ...]) -> None:
     table = Table(show_header=True, box=None, padding=(0, 2, 0, 0))
     for column in ("robot", "joints", "mass", "reach", ""):
         table.add_column(column, overflow="fold")
-    problems = []
+    problems, remarks = [], []
     for name in files or ListRobots():
         config = LoadRobot(name)
         # Pictures are read for a scene graph only.
@@ -60,7 +60,7 @@ def robots(files: tuple[str, ...]) -> None:
                 f"{Path(config.model).stem} cannot hold the eraser level anywhere from 0.2 to "
                 f"2 m in front of it, {LEVEL_HEIGHT:g} m high; check its mount and posture."
             )
-        problems += _turned(robot, reach) if files else []
+        remarks += _turned(robot, reach) if files else []
         table.add_row(
             Text(Path(name).stem, style="bold"),
             str(len(config.posture)),
@@ -73,7 +73,7 @@ def robots(files: tuple[str, ...]) -> None:
         "reach: greatest distance in front of the base at which the eraser can lie level on "
         "a table"
     )
-    for message in problems:
+    for message in problems + remarks:
         console.print(message, soft_wrap=True)
     if not problems:
         print_next(console, "wipe", "--robot", files[0] if files else "NAME")
