@@ -425,7 +425,30 @@ LOOP = """<joint name="back" type="fixed"><parent link="ur5e_link6"/>
         (
             {'(<joint name="ur5e_joint6"[^>]*>)': r'\1<mimic joint="ur5e_joint5"/>'},
             {},
-            "a joint of own.urdf mimics another one",
+            "^ur5e_joint6 of own.urdf cannot mimic another joint; make it fixed",
+        ),
+        (  # Such a joint has no motor of its own.
+            {
+                '(<joint name="ur5e_joint6" [^>]*>)': r'\1<mimic joint="ur5e_joint5"/>',
+                '<transmission name="ur5e_transmission6".*?</transmission>': "",
+            },
+            {},
+            "^ur5e_joint6 of own.urdf cannot mimic another joint; make it fixed",
+        ),
+        (
+            {
+                r'(joint3".*?)lower="([^"]*)" upper="([^"]*)"': r'\1lower="\3" upper="\2"'
+            },
+            {},
+            "ur5e_joint3 has the limits lower 3.14159, upper -3.14159 and velocity 3",
+        ),
+        (
+            {
+                r'(joint2".*?)velocity="': r'\1velocity="-',
+                "xmlns:drake": "title",  # Drake does not need the declaration of a prefix.
+            },
+            {},
+            "ur5e_joint2 has the limits .* velocity -3.14159; lower .* velocity above 0",
         ),
         ({"</robot>": ""}, {}, r"own\.urdf cannot be read: .*XML"),
         ({}, {"flange": "tool0"}, r"flange names tool0, .* choose from: ur5e_flange, "),

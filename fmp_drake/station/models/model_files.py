@@ -5,6 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.dom.expatbuilder import parse
+from xml.dom.minidom import Element
 
 import numpy as np
 import pydrake.common
@@ -60,6 +62,47 @@ def models_dir() -> Path:
         f"no models: package.xml is neither in {folders}. "
         "Install fmp_drake again, or run it from a complete checkout."
     )
+
+
+def named_joints(file: str | Path, element: str) -> dict[str, Element]:
+    """Return the first element of a kind, such as `limit`, of each joint that has one.
+
+    Parameters
+    ----------
+    file : str or Path
+        URDF or SDF.
+    element : str
+
+    Returns
+    -------
+    dict of str to Element
+        By the names of the joints.
+    """
+    # As for Drake, prefixes need no declaration.
+    joints = parse(str(file), namespaces=False).getElementsByTagName("joint")
+    return {
+        joint.getAttribute("name"): found
+        for joint in joints
+        for found in joint.getElementsByTagName(element)[:1]
+    }
+
+
+def check_limit_order(file: str | Path) -> None:
+    """Check the limits of the joints in a URDF file.
+
+    Raises
+    ------
+    StationError
+        With the first joint whose limits are reversed or whose greatest speed is negative.
+    """
+    for name, limit in named_joints(file, "limit").items():
+        keys = ("lower", "upper", "velocity")
+        lower, upper, speed = (float(limit.getAttribute(k) or "nan") for k in keys)
+        if lower > upper or speed < 0:
+            raise StationError(
+                f"{name} has the limits lower {lower:g}, upper {upper:g} and velocity "
+                f"{speed:g}; lower must be less than upper, and velocity above 0."
+            )
 
 
 @contextmanager

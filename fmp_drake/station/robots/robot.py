@@ -32,8 +32,10 @@ from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import (
     check_free_name,
+    check_limit_order,
     models_dir,
     name_is_taken,
+    named_joints,
     warned_once,
 )
 from fmp_drake.station.scenario_parts import (
@@ -328,7 +330,9 @@ def _AddOneModel(parser: Parser, file: str) -> ModelInstanceIndex:
     try:
         with warned_once(file):
             models = parser.AddModels(file)
-    except RuntimeError as error:
+    except (RuntimeError, SystemExit) as error:
+        if "limits.array()" in str(error):  # Drake does not name the joint.
+            check_limit_order(file)
         if "already contains a model instance named" not in str(error):
             raise
         raise name_is_taken(str(error).split("'")[1]) from None
@@ -398,6 +402,11 @@ def _CheckModel(
             f"{config.base} to the flange {config.flange}. Name the arm's first link as base and "
             'its last one as flange, and make the joints of a gripper fixed (type="fixed").'
         )
+    if plant.num_constraints():
+        mimics = ", ".join(named_joints(config.model, "mimic")) or "a joint"
+        raise StationError(
+            f"{mimics} of {model} cannot mimic another joint; make it fixed or independent."
+        )
     # As in a plant, wherever they are in the file.
     joints.sort(key=lambda joint: order.index(joint.name()))
     if len(joints) != len(config.posture):
@@ -426,10 +435,6 @@ def _CheckModel(
         raise StationError(
             f"the effort limit of {', '.join(unlimited)} of {model} is missing; give the "
             "joint's greatest torque, Nm."
-        )
-    if plant.num_constraints():
-        raise StationError(
-            f"a joint of {model} mimics another one; make it fixed, or a joint of its own."
         )
     # Masses of the links, each with the bodies that are fixed to it.
     masses = dict.fromkeys(order, 0.0)
