@@ -155,6 +155,38 @@ def test_a_joint_whose_limits_are_too_near_is_named_before_a_run(
     assert words in refused("check", "--robot", file)
 
 
+@pytest.mark.parametrize(
+    ("pattern", "new", "words"),
+    [
+        (
+            r'(ur5e_joint3".*?)lower="[^"]*" upper="[^"]*"',
+            r'\1lower="-178" upper="178"',
+            "ur5e_joint3 has the limits -178 and 178 rad, more than 10 revolutions; give",
+        ),
+        (
+            '<mass value="([^"]*)"',
+            r'<mass value="\1e3"',
+            r"ur5e_joint2 of ur5e.urdf needs \d+.\d Nm to hold the weight of 21700.3 kg in",
+        ),
+    ],
+)
+def test_values_in_a_wrong_unit_are_named_before_a_run(
+    command, refused, tmp_path, pattern, new, words
+):
+    """The arm was listed; `check` ignored its limits, or said that the board is out of reach."""
+    folder = models_dir() / "ur5e"
+    urdf = (folder / "ur5e.urdf").read_text()
+    urdf, count = re.subn(pattern, new, urdf, flags=re.DOTALL)
+    assert count
+    (tmp_path / "ur5e.urdf").write_text(urdf)
+    file = tmp_path / "ur5e.yaml"
+    file.write_text((folder / "ur5e.yaml").read_text())
+    result = command("robots", file)
+    assert re.search(words, result.out)
+    assert "next:" not in result.out
+    assert re.search(words, refused("check", "--robot", file))
+
+
 def test_an_unknown_robot_is_refused_with_the_known_ones(refused):
     assert "iiwa14, panda, ur5e" in refused("check", "--robot", "billiards")
 

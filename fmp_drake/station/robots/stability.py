@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.systems.framework import Context
 from scipy.linalg import eigh
 
 from fmp_drake.errors import StationError
@@ -98,8 +99,8 @@ def CheckStability(
     Raises
     ------
     StationError
-        With the lightest joint and the reflected inertia that is sufficient, or with the
-        longest delay.
+        With the lightest joint and the reflected inertia that is sufficient, with the
+        longest delay, or with a joint that does not bear the weight in the posture.
     SystemsError
         With the joint whose springs meet.
 
@@ -112,6 +113,7 @@ def CheckStability(
     check_limits(plant, config.walls.width)
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, np.array(robot.config.posture))
+    _check_weight(robot, context)
     M = plant.CalcMassMatrix(context)
     J = plant.CalcJacobianSpatialVelocity(
         context,
@@ -154,6 +156,22 @@ def CheckStability(
         f"the motors as seen at the joints, at least {needed:.2g} kg m², in the robot's YAML "
         f"file: reflected_inertia: [{max(_TYPICAL, needed):.2g}]"
     )
+
+
+def _check_weight(robot: Robot, context: Context) -> None:
+    """Check that the effort limits are above the torques of the weight in a posture."""
+    plant, limits = robot.plant, joint_limits(robot.plant)
+    weight = -plant.CalcGravityGeneralizedForces(context)
+    effort = np.where(weight > 0, limits.upper_effort, -limits.lower_effort)
+    i = int(np.argmax(np.abs(weight) / effort))
+    if abs(weight[i]) > effort[i]:
+        mass = plant.CalcTotalMass(context, [robot.arm, robot.tool])
+        raise StationError(
+            f"{robot.joint_names[i]} of {Path(robot.config.model).name} needs "
+            f"{abs(weight[i]):.1f} Nm to hold the weight of {mass:.1f} kg in the posture; its "
+            f"effort limit is {effort[i]:g} Nm. Correct the masses of the links, kg, or the "
+            "effort limit."
+        )
 
 
 def _ratios(config: ImpedanceConfig, M: Array, J: Array, effort: Array) -> Array:

@@ -13,6 +13,9 @@ from fmp_drake.systems.interface.callbacks import check_frame
 
 # Distance of the default posture from the limit of a joint that has one only, rad.
 _FROM_LIMIT = 1.0
+# Ranges of a revolute joint that are degrees: from 10 revolutions on, rad. Files without
+# limits have larger numbers, such as 1e16 on both sides.
+_DEGREES = 20 * np.pi, 2e4
 
 type _Arguments = tuple[bool, Array, Array, Array, Array, Array, Array, Array]
 
@@ -119,7 +122,7 @@ def joint_limits(plant: MultibodyPlant) -> JointLimits:
 
 
 def check_limits(plant: MultibodyPlant, wall_width: float) -> None:
-    """Raise an error for a joint whose limits leave no motion.
+    """Raise an error for a joint whose limits leave no motion, or are in degrees.
 
     The springs at both of its limits would meet, or it may not move in one direction.
 
@@ -139,6 +142,12 @@ def check_limits(plant: MultibodyPlant, wall_width: float) -> None:
                 f"more than {2 * wall_width:g} {unit} apart, because a spring of "
                 f"walls.width = {wall_width:g} acts at each. Correct the limits, choose "
                 "narrower springs, or weld the joint."
+            )
+        if unit == "rad" and _DEGREES[0] < high - low < _DEGREES[1]:
+            raise SystemsError(
+                f"{joint.name()} has the limits {low:g} and {high:g} rad, more than 10 "
+                "revolutions; give them in rad, not degrees. A joint that turns without end "
+                'has no limits (type="continuous" in a URDF).'
             )
         (low,), (high,) = joint.velocity_lower_limits(), joint.velocity_upper_limits()
         if not low < 0 < high:
