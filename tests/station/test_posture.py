@@ -1,6 +1,7 @@
 """Facts about the posture that the arm takes for a pose of the eraser."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -9,13 +10,14 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.errors import StationError
+from fmp_drake.station.models.model_files import models_dir
 from fmp_drake.station.reach.posture import (
     FindLevelReach,
     SolvePosture,
     SolveStartPosture,
 )
 from fmp_drake.station.robots.robot import AddRobot, LoadRobot, MakeRobotModel
-from fmp_drake.station.scenario import Scenario
+from fmp_drake.station.scenario import LoadScenario, Scenario
 from fmp_drake.station.scenario_parts import PoseConfig
 
 DOWN = RotationMatrix(np.diag([1.0, -1.0, -1.0]))
@@ -122,6 +124,21 @@ def test_joints_are_outside_the_springs_at_their_limits_where_they_can_be():
     assert limit_margin(plant, q) > 0.1
     near = solve(plant, X_WE, robot.default_posture, spring_width=0.01)
     assert limit_margin(plant, near) == pytest.approx(0.03)
+
+
+def test_a_joint_without_limits_starts_within_half_a_revolution(tmp_path):
+    folder = models_dir() / "ur5e"
+    urdf = (folder / "ur5e.urdf").read_text().replace('"revolute"', '"continuous"')
+    (tmp_path / "ur5e.urdf").write_text(re.sub(' (lower|upper)="[^"]*"', "", urdf))
+    (tmp_path / "ur5e.yaml").write_text((folder / "ur5e.yaml").read_text())
+    scenario = LoadScenario("wipe_dome", robot=tmp_path / "ur5e.yaml")
+    scenario.posture = [1.08, -1.19, 3.39, -3.56, -1.25, -0.62]
+    model = MakeRobotModel(LoadRobot(scenario.robot))
+    q = SolveStartPosture(scenario, model, scenario.start)
+    assert np.max(np.abs(q)) <= np.pi  # They were 4.85 and -6.31 rad.
+    board = scenario.board.assumed_pose() @ scenario.board.start_displacement()
+    X_WE = board @ scenario.eraser_pose(scenario.start)
+    assert_allclose(pose(model.plant, q).translation(), X_WE.translation(), atol=5e-6)
 
 
 def test_reach_is_that_from_the_base():

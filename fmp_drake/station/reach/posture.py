@@ -131,6 +131,7 @@ def SolveStartPosture(scenario: Scenario, model: Robot, start: ArrayLike) -> Arr
     Returns
     -------
     ndarray, shape (n,)
+        rad; in (-π, π] for joints without limits.
 
     Raises
     ------
@@ -150,7 +151,8 @@ def SolveStartPosture(scenario: Scenario, model: Robot, start: ArrayLike) -> Arr
             "world with the eraser level on the board; choose a point nearer to the "
             "middle of the board, or another pose of the board or of the robot's base."
         )
-    return q
+    turns = np.ceil((q - np.pi) / (2 * np.pi))
+    return q - 2 * np.pi * turns * np.all(np.isinf(limits), axis=0)
 
 
 def _SolveFrom(
