@@ -10,6 +10,7 @@ from fmp_drake.runs.log import Chunk, Samples
 from fmp_drake.systems import StatusFlag
 from fmp_drake.systems.impedance.controller_status import CONDITIONS, STOP_REASONS
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
+from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
 # Largest error of the board's height, mm.
@@ -127,6 +128,11 @@ class Occurrences:
 
 # Faults that are reported while their flag is set.
 _FLAG_FAULTS = StatusFlag.ARM_TOUCHES, StatusFlag.OVERSPEED, StatusFlag.JOINT_WALL
+# Faults of single joints, and their words in the texts of events.
+_JOINT_FAULTS = {
+    flag: CONDITIONS[flag].event
+    for flag in (StatusFlag.OVERSPEED, StatusFlag.JOINT_WALL)
+} | {StatusFlag.SPEED_EXCEEDED: STOP_REASONS[StatusFlag.SPEED_EXCEEDED]}
 
 
 class RunEvents:
@@ -138,8 +144,8 @@ class RunEvents:
         Normal force above which it is an event, also where the controller measures none, N.
     compliance : float
         Of the felt, m/N: in contact the eraser is lower than the board by its compression.
-    speed_limits : ndarray, shape (n,), optional
-        Of the joints, rad/s, to name the joint that is too fast.
+    limits : JointLimits, optional
+        Of the arm, to name the joint that is too fast or at its limit.
     """
 
     def __init__(
@@ -147,11 +153,13 @@ class RunEvents:
         most_force: float = np.inf,
         *,
         compliance: float = 0.0,
-        speed_limits: Array | None = None,
+        limits: JointLimits | None = None,
     ) -> None:
         self._most_force, self._compliance = most_force, compliance
-        self._speed_limits = speed_limits
-        self._fastest, self._fastest_joint = -1.0, 0
+        self._limits = limits
+        # Largest fraction of a speed limit and distance beyond a position limit, rad, while
+        # these faults are present, and their joints.
+        self._worst = dict.fromkeys(_JOINT_FAULTS, (-np.inf, 0))
         self._forces = Occurrences(_FORCE, "up to {:.0f} N")
         stop = CONDITIONS[StatusFlag.PROTECTIVE_STOP].event
         self._stops = {
@@ -176,9 +184,10 @@ class RunEvents:
         lost, stopped = flags & int(StatusFlag.CONTACT_LOST), flags & _STOPPED
         for flag, occurrences in self._flag_faults.items():
             occurrences.update(times, flags & flag)
-        if (limits := self._speed_limits) is not None:
-            fast = times[flags & int(StatusFlag.OVERSPEED) > 0]
-            self._find_fastest(chunk["state"], fast, limits)
+        if self._limits is not None:
+            for flag in self._worst:
+                marked = times[flags & int(flag) > 0]
+                self._find_worst(flag, chunk["state"], marked, self._limits)
 
         depth = chunk["penetration"]
         millimetres = 1e3 * depth.values[:, 0]
@@ -220,13 +229,18 @@ class RunEvents:
             heights = np.clip(heights, -_MAX_HEIGHT, _MAX_HEIGHT)
             np.add.at(self._heights, heights.astype(int) + _MAX_HEIGHT, 1)
 
-    def _find_fastest(self, state: Samples, times: Array, limits: Array) -> None:
-        """Find the joint that is nearest to its speed limit at some times, s."""
-        is_fast = np.isin(np.rint(1e3 * state.times), np.rint(1e3 * times))
-        speeds = np.abs(state.values[is_fast, -len(limits) :])
-        ratios = np.max(speeds / limits, axis=0, initial=-1.0)
-        if (fastest := float(np.max(ratios))) > self._fastest:
-            self._fastest, self._fastest_joint = fastest, int(np.argmax(ratios))
+    def _find_worst(
+        self, flag: StatusFlag, state: Samples, times: Array, limits: JointLimits
+    ) -> None:
+        """Find the joint that is fastest, or nearest to its limit, at some times, s."""
+        is_marked = np.isin(np.rint(1e3 * state.times), np.rint(1e3 * times))
+        q, v = np.split(state.values[is_marked], 2, axis=1)
+        excess = np.abs(v) / limits.speed
+        if flag == StatusFlag.JOINT_WALL:
+            excess = np.abs(q - limits.middle) - limits.half_range
+        largest = np.max(excess, axis=0, initial=-np.inf)
+        joint = int(np.argmax(largest))
+        self._worst[flag] = max(self._worst[flag], (float(largest[joint]), joint))
 
     def _is_loss(self, times: Array, is_missing: Mask, touching: Array) -> Mask:
         """Return where missing contact was lost, or is not made for long after a lift.
@@ -265,16 +279,25 @@ class RunEvents:
             self._forces,
         )
         events = [event for fault in faults for event in fault.events()]
-        if self._speed_limits is not None and self._fastest >= 0:
-            kind, joint = CONDITIONS[StatusFlag.OVERSPEED].event, self._fastest_joint
-            limit = self._speed_limits[joint]
-            detail = f": joint {joint + 1}, at up to {100 * self._fastest:.0f} % of "
-            detail += f"its limit of {limit:.3g} rad/s"
+        for words, detail in self._joint_details().items():
             events = [
-                e._replace(text=e.text + detail) if e.kind == kind else e
+                e._replace(text=e.text + detail) if words in e.text else e
                 for e in events
             ]
         return sorted(events)
+
+    def _joint_details(self) -> dict[str, str]:
+        """Return texts about the worst joints, by the words of their faults."""
+        details = {}
+        for flag, (excess, joint) in self._worst.items():
+            if self._limits is not None and excess > -np.inf:
+                text = f": joint {joint + 1}, at up to {100 * excess:.0f} % of its limit of "
+                text += f"{self._limits.speed[joint]:.3g} rad/s"
+                if flag == StatusFlag.JOINT_WALL:
+                    side = "beyond" if excess > 0 else "from"
+                    text = f": joint {joint + 1}, {abs(excess):.2f} rad {side} it"
+                details[_JOINT_FAULTS[flag]] = text
+        return details
 
     @property
     def board_height_error(self) -> float | None:

@@ -434,7 +434,7 @@ class RunMetrics:
         self._events = RunEvents(
             np.inf if has_force else 2 * press.force + excess,
             compliance=FELT_DEPTH / FeltForceLimit(scenario.eraser),
-            speed_limits=limits.speed,
+            limits=limits,
         )
 
     def update(self, chunk: Chunk, *, played: Chunk | None = None) -> None:

@@ -6,6 +6,16 @@ import pytest
 from fmp_drake.runs.events import Occurrences, RunEvents
 from fmp_drake.runs.log import Samples
 from fmp_drake.systems import StatusFlag
+from fmp_drake.systems.impedance.joints import JointLimits
+
+# Of three joints; the last one has no position limits.
+LIMITS = JointLimits.between(
+    np.array([-2.0, -1.0, -np.inf]),
+    np.array([2.0, 3.0, np.inf]),
+    speed=np.array([1.0, 2.0, 2.5]),
+    lower_effort=np.full(3, -9.0),
+    upper_effort=np.full(3, 9.0),
+)
 
 
 def recorded(seconds=8.0, *, touch=1.0, height=0.0):
@@ -33,9 +43,9 @@ def mark(signals, start, end, flags):
     status[(times > start - 1e-6) & (times < end - 1e-6), 0] = float(flags)
 
 
-def sentences(signals, *, until=(), most_force=80.0, speed_limits=None):
+def sentences(signals, *, until=(), most_force=80.0, limits=None):
     """Feed the signals in chunks that end at some times."""
-    events, start = RunEvents(most_force, speed_limits=speed_limits), -1.0
+    events, start = RunEvents(most_force, limits=limits), -1.0
     for end in (*until, 1e9):
         events.update(
             {
@@ -137,12 +147,47 @@ def test_a_joint_too_fast_is_named_with_its_limit(until):
     state[(times > 4.09) & (times < 4.11), 5] = -2.4
     state[times > 6, 4] = 9.0  # After the event.
     signals["state"] = Samples(times, state)
-    limits = np.array([1.0, 2.0, 2.5])
-    (sentence,) = sentences(signals, until=until, speed_limits=limits)
+    (sentence,) = sentences(signals, until=until, limits=LIMITS)
     assert sentence == (
         "a joint near its speed limit from 4.0 to 4.2 s: joint 3, at up to 96 % of its limit of "
         "2.5 rad/s"
     )
+
+
+@pytest.mark.parametrize("until", [(), (4.05, 4.15)])
+@pytest.mark.parametrize(
+    ("angle", "detail"), [(-0.94, "0.06 rad from"), (-1.02, "0.02 rad beyond")]
+)
+def test_a_joint_at_its_limit_is_named_with_its_distance(until, angle, detail):
+    signals = recorded()
+    mark(signals, 4.0, 4.2, StatusFlag.JOINT_WALL)
+    times = signals["status"].times
+    state = np.zeros((len(times), 6))
+    state[:, 0] = 1.9
+    state[:, 2] = -6.0
+    state[(times > 4.09) & (times < 4.11), 1] = angle
+    state[times > 6, 0] = 2.5  # After the event.
+    signals["state"] = Samples(times, state)
+    (sentence,) = sentences(signals, until=until, limits=LIMITS)
+    assert sentence == (f"a joint at its limit from 4.0 to 4.2 s: joint 2, {detail} it")
+
+
+def test_a_joint_that_was_too_fast_is_named_in_the_stop_because_of_it():
+    signals = recorded()
+    stop = StatusFlag.PROTECTIVE_STOP
+    mark(signals, 3.0, 3.3, stop)
+    mark(signals, 3.0, 3.01, stop | StatusFlag.SPEED_EXCEEDED)
+    mark(signals, 5.0, 5.2, stop | StatusFlag.NOT_FOUND)
+    times = signals["status"].times
+    state = np.zeros((len(times), 6))
+    state[(times > 2.995) & (times < 3.02), 4] = 2.1
+    signals["state"] = Samples(times, state)
+    fast, lost = sentences(signals, limits=LIMITS)
+    assert fast == (
+        "protective stop from 3.0 to 3.3 s: a joint was faster than its limit: joint 2, at up "
+        "to 105 % of its limit of 2 rad/s"
+    )
+    assert lost.endswith("search range")
 
 
 def test_arm_on_the_board_is_reported():
