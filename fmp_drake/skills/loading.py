@@ -46,7 +46,8 @@ def load_on_board(
     remarks: list[str] = []
     if surface is None and extra:
         raise DemonstrationError(
-            f"{' and '.join(extra)} can be placed on a fitted surface only (--surface fitted)."
+            f"{' and '.join(extra)} can be placed on a fitted surface only (--surface fitted); "
+            "a movement in free space: fmp-drake learn --as-recorded."
         )
     if surface is not None:
         if transform is not None:

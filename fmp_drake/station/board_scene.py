@@ -31,6 +31,7 @@ from fmp_drake.station.robots.robot import (
     MakeRobotModel,
     Robot,
     ShowContactGeometry,
+    check_posture,
 )
 from fmp_drake.station.robots.stability import CheckStability
 from fmp_drake.station.scenario import Scenario
@@ -190,6 +191,9 @@ def AddBoardScene(
     if q is None:
         q = SolveStartPosture(scenario, model, start)
     posture = finite_array(q, "q", (len(config.posture),), error=StationError)
+    limits = model.plant.GetPositionLowerLimits(), model.plant.GetPositionUpperLimits()
+    with in_one_line("q is not in the joints' ranges"):
+        check_posture(posture.tolist(), model.joint_names, *limits)
     plant.SetDefaultPositions(robot.arm, posture)
     if simulated and scenario.friction.enabled:
         completed = scenario.friction.completed(config.friction)

@@ -652,7 +652,8 @@ def test_controller_can_follow_placed_orientations_and_forces():
 def test_extra_channels_need_a_surface(tmp_path):
     path = tmp_path / "recording.npz"
     posed("plane")[0].save(path)
-    with pytest.raises(DemonstrationError, match="--surface fitted"):
+    words = r"--surface fitted\); a movement in free space: .* --as-recorded"
+    with pytest.raises(DemonstrationError, match=words):
         load_on_board(
             [path], scenario=Scenario(), transform=None, stretch=1.0, extra=["force"]
         )

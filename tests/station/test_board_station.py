@@ -108,3 +108,8 @@ def test_a_board_that_moves_is_refused_where_nothing_measures_it():
             driver=LcmPanda(),
             lcm=DrakeLcm("memq://"),
         )
+
+
+def test_initial_angles_out_of_range_are_refused_by_the_name_of_the_joint():
+    with pytest.raises(StationError, match=r"^q is not .* has 9 for panda_joint1, who"):
+        MakeStation(LoadScenario("table_top"), None, q=np.full(7, 9.0))
