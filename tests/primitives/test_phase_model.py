@@ -98,6 +98,18 @@ def test_leading_eigenvectors_are_those_of_all(size, count):
     assert_allclose((vectors * values) @ vectors.T, expected, atol=1e-12)
 
 
+def test_a_skill_does_not_depend_on_the_number_of_threads(monkeypatch):
+    skills = []
+    for cores in (1, 3):
+        monkeypatch.setattr("os.cpu_count", lambda cores=cores: cores)
+        skill = FourierMovementPrimitive(n_steps=60, overlap=6, model="automatic")
+        skills.append(skill.fit(recorded(wavering(900))))
+    for one, other in zip(*(skill.components_ for skill in skills), strict=True):
+        assert np.array_equal(one.mean, other.mean)
+        assert np.array_equal(one.basis, other.basis)
+        assert np.array_equal(one.variances, other.variances)
+
+
 # Tracking ---------------------------------------------------------------
 
 
