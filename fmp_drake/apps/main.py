@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from io import TextIOWrapper
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fmp_drake.apps import terminal
@@ -61,7 +62,7 @@ def _run(arguments: Sequence[str] | None) -> tuple[str, int]:
         print(error.format_message())
         return "", error.exit_code
     except click.ClickException as error:
-        hint = _scenario_hint(error)
+        hint = _usage_hint(error)
         return f"fmp-drake: {error.format_message()}{hint}", error.exit_code
     except click.Abort:
         return terminal.MESSAGE, 130
@@ -86,13 +87,24 @@ def _place_hint(error: OSError) -> str:
     return ""
 
 
-def _scenario_hint(error: "click.ClickException") -> str:
-    """Return a hint for somebody who names a scenario without its option."""
+def _usage_hint(error: "click.ClickException") -> str:
+    """Return a hint for somebody who does not know a command, or its options."""
     context: Any = getattr(error, "ctx", None)
-    surplus = re.fullmatch(r".*extra argument \((\S+)\)", error.format_message())
-    if surplus is None or "scenario" not in {p.name for p in context.command.params}:
+    if context is None:
         return ""
-    return f"; did you mean --scenario {surplus[1]}?"
+    message, command = error.format_message(), context.command
+    if message.startswith("No such command"):
+        return f" The commands are: {', '.join(command.list_commands(context))}."
+    surplus = re.fullmatch(r".*extra argument \((\S+)\)", message)
+    if surplus is not None:
+        suffix, names = Path(surplus[1]).suffix, {p.name for p in command.params}
+        if suffix in ("", ".yaml", ".yml") and "scenario" in names:
+            return f"; did you mean --scenario {surplus[1]}?"
+        if suffix and {"demonstrations", "scenario"} <= names:
+            option = "--skill" if suffix == ".npz" else "--demo"
+            return f"; did you mean {option} {surplus[1]}?"
+    end = "" if message.endswith((".", "?)")) else "."
+    return f"{end} See {context.command_path} -h."
 
 
 if __name__ == "__main__":

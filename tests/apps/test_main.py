@@ -61,7 +61,10 @@ SCRIPT = Path(sys.executable).parent / "fmp-drake"
         (("--scenario", "pulsing_force", "--press-force", 3), "its own normal force"),
         (("--scenario", "stir", "--press-force", 3), "there is no board"),
         (("--spin",), "--spin"),
+        (("--spin",), "See fmp-drake wipe -h."),
         (("pushed.yaml",), "did you mean --scenario pushed.yaml?"),
+        (("skill.npz",), "did you mean --skill skill.npz?"),
+        (("mine.csv",), "did you mean --demo mine.csv?"),
     ],
 )
 def test_wrong_option_is_refused_in_one_line(refused, outputs, options, reason):
@@ -72,6 +75,14 @@ def test_wrong_option_is_refused_in_one_line(refused, outputs, options, reason):
     )
     assert reason in message
     assert list(outputs.iterdir()) == []
+
+
+def test_wrong_call_is_refused_with_the_commands_or_where_the_help_is(refused):
+    message = refused("wip")
+    assert all(name in message for name in ("wipe", "teach", "inspect"))
+    assert refused("learn").endswith(" See fmp-drake learn -h.\n")
+    extra = refused("record", "eight.npz", "--out", "a.npz")
+    assert extra.endswith("(eight.npz). See fmp-drake record -h.\n")
 
 
 @pytest.mark.parametrize("option", ["--report", "--plot", "--html"])
