@@ -67,7 +67,7 @@ print(
     f"the error is at most {angle_error.max():.1f} degrees and {position_error.max():.1f} mm"
 )
 
-figure, axes = plt.subplots(2, 1, figsize=(8, 4), layout="constrained", sharex=True)
+figure, axes = plt.subplots(2, 1, figsize=(8, 5), layout="constrained", sharex=True)
 time = log.FindLog(simulator.get_context()).sample_times()
 for ax, values, label in zip(
     axes,

@@ -38,7 +38,7 @@ figure, (above, below) = plt.subplots(
     2, 1, figsize=(8, 4.5), layout="constrained", sharex=True
 )
 above.plot(time, 1e3 * test[:, :2], label=["x", "y"])
-above.set_ylabel("mm")
+above.set_ylabel("position (mm)")
 above.legend(loc="upper right")
 below.plot(time, np.mod(phase, 2 * np.pi), ".", markersize=3)
 below.set(xlabel="time (s)", ylabel="phase (rad)", ylim=(0, 2 * np.pi))

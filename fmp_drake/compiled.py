@@ -34,7 +34,9 @@ class _Announcer(event.Listener):
         if self._has_announced:
             return
         self._has_announced = True
-        purpose = "this machine, once" if self.is_kept else "this run"
+        purpose = (
+            "this machine, once for each kind of run" if self.is_kept else "this run"
+        )
         logger.info("compiling for %s: up to half a minute", purpose)
         if not self.is_kept:
             logger.info("no folder can keep it; NUMBA_CACHE_DIR names another one")

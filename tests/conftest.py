@@ -270,7 +270,10 @@ def paper_mixture():
 # The command line ---------------------------------------------------------------------
 
 
-COMPILING = "fmp-drake: compiling for this machine, once: up to half a minute\n"
+COMPILING = (
+    "fmp-drake: compiling for this machine, once for each kind of run: "
+    "up to half a minute\n"
+)
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ def inspect(
         [d for _, d in loaded], scenario=Scenario(), **vars(rhythm)
     )
     for file, demonstration in loaded:
-        note = demonstration.note or "as it is"
+        note = demonstration.note or "no remarks"
         console.print(f"{file}: {note}", soft_wrap=True)
         on_board = board_part(demonstration, placement=common, **vars(rhythm))
         parts.append(on_board[0])

@@ -16,6 +16,7 @@ from fmp_drake.apps.arm_console import (
 from fmp_drake.apps.options import (
     SKILL_FLAGS,
     ScenarioOptions,
+    arguments,
     arm_option,
     command,
     host_option,
@@ -25,6 +26,7 @@ from fmp_drake.apps.page import (
     ended_page,
     make_console,
     open_page,
+    print_next,
     say,
     show_preparation,
 )
@@ -126,6 +128,9 @@ def teach(to: TeachOptions) -> None:
                     page.show(session)
         finally:
             _save_rest(console, panel, session)
+            if session.skill is not None and session.is_done:
+                flags = arguments(ScenarioOptions(scenario=to.scenario, robot=to.robot))
+                print_next(console, "wipe", *flags, "--skill", str(to.skill_file))
 
 
 def _save_rest(console: Console, panel: PagePanel, session: TeachingSession) -> None:

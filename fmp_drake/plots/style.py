@@ -102,7 +102,7 @@ def finish_times(
     title: str = "",
     xlabel: str = "time (s)",
 ) -> tuple[Axes, ...]:
-    """Label axes below each other, and return them.
+    """Label axes below each other, with labels in one line, and return them.
 
     With a title, the first of them gets it and a legend. Only the last gets the label of
     the time.
@@ -117,6 +117,7 @@ def finish_times(
     for ax in axes[:-1]:
         ax.tick_params(labelbottom=False)
     axes[-1].set_xlabel(xlabel)
+    axes[0].figure.align_ylabels(axes)
     return tuple(axes)
 
 

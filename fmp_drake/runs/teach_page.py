@@ -38,8 +38,12 @@ _HELP = {
     ],
 }
 _LEGEND = [
-    {"name": "shown now", "color": css_color(TRAIL_COLOR), "kind": "line"},
-    {"name": "shown before", "color": css_color(DEMONSTRATION_COLOR), "kind": "line"},
+    {"name": "this demonstration", "color": css_color(TRAIL_COLOR), "kind": "line"},
+    {
+        "name": "earlier demonstrations",
+        "color": css_color(DEMONSTRATION_COLOR),
+        "kind": "line",
+    },
 ]
 
 

@@ -17,7 +17,7 @@ def test_five_lines_and_a_picture_describe_a_recording(command, make_npz, output
     result = command("inspect", make_npz(seconds=30), "--plot", plot)
     assert result.code == 0
     first, channels, rate, cycles, learning, wrote, _ = result.out.splitlines()
-    assert first.endswith("circles.npz: as it is")
+    assert first.endswith("circles.npz: no remarks")
     assert channels == "  channels: x, y, z (m)"
     assert rate == "  rate: 20 Hz, 600 samples in 29.9 s"
     count, period = re.search(r"([\d.]+) cycles of ([\d.]+) s", cycles).groups()

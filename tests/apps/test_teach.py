@@ -1,6 +1,7 @@
 """Facts about `fmp-drake teach`, and its page in a browser."""
 
 import os
+import shlex
 import signal
 import time
 
@@ -140,6 +141,24 @@ def test_a_second_interrupt_does_not_end_the_saving(
     assert result.code == 130
     assert "save: wrote a.npz; the earlier files are a.1.npz now" in result.out
     assert Demonstration.load(outputs / "a.npz").duration > 1.0
+
+
+@pytest.mark.slow
+def test_end_names_the_command_that_plays_what_was_learned(
+    command, outputs, monkeypatch, short_windows
+):
+    def learn_once(_, session):
+        is_late = session.simulator.get_context().get_time() > 3.5
+        if is_late and session.skill is None:
+            session.press("learn")
+
+    monkeypatch.setattr("fmp_drake.apps.teach.MouseOnPage", eight)
+    monkeypatch.setattr(TeachPage, "press_clicked_button", learn_once)
+    options = ("--out", outputs / "a.npz", "--skill", outputs / "b.npz")
+    result = command("teach", "--duration", 4.0, *short_windows, *options)
+    flags = shlex.join(map(str, short_windows))
+    last = result.out.splitlines()[-1]
+    assert last == f"next: fmp-drake wipe {flags} --skill {outputs / 'b.npz'}"
 
 
 def test_effect_of_each_button_is_described(command, outputs, monkeypatch):

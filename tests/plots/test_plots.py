@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import combinations, pairwise
 from types import SimpleNamespace
 
@@ -262,6 +263,16 @@ class TestDemonstrations:
         legend = axes[0].get_legend()
         texts = [text.get_text() for text in legend.get_texts()] if legend else []
         assert texts == [f"recording {n}" for n in named]
+
+    def test_labels_of_axes_below_each_other_are_aligned(self):
+        recording = waves(2)
+        values = recording.values * [100.0, 1e-2]  # The second has longer numbers.
+        axes = draw_demonstrations_over_time(
+            replace(recording, values=values), stack(2)
+        )
+        axes[0].figure.draw_without_rendering()
+        left, other = (ax.yaxis.label.get_window_extent().x0 for ax in axes)
+        assert left == pytest.approx(other, abs=1.0)
 
     def test_every_recording_is_a_line(self):
         recordings = [waves(2, seed=i) for i in range(3)]
