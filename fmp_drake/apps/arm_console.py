@@ -62,11 +62,14 @@ def guide_arm(
     return demonstration
 
 
-def recorded_text(demonstration: Demonstration) -> str:
-    """Describe the duration and the range of a recording on the board."""
+def recorded_text(demonstration: Demonstration, *, has_board: bool = True) -> str:
+    """Describe the duration and the range of a recording, on the board if there is one."""
     low, high = demonstration.values.min(axis=0), demonstration.values.max(axis=0)
     ranges = [f"{c} {low[i]:.3f} to {high[i]:.3f} m" for i, c in enumerate("xyz")]
-    return f"recorded {demonstration.duration:.1f} s at 20 Hz: {', '.join(ranges)} on the board"
+    place = " on the board" if has_board else ""
+    return (
+        f"recorded {demonstration.duration:.1f} s at 20 Hz: {', '.join(ranges)}{place}"
+    )
 
 
 def wipe_with_arm(

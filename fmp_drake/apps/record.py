@@ -85,7 +85,8 @@ def record(to: RecordOptions) -> None:
     panel = open_page(console, title=to.scenario, host=to.host) if to.page else None
     meshcat = None if panel is None else panel.meshcat
     hand = SimulatedHand(motion)
-    station = MakeStation(to.load(), hand, meshcat=meshcat)
+    scenario = to.load()
+    station = MakeStation(scenario, hand, meshcat=meshcat)
     simulator = Simulator(station)
     simulator.set_target_realtime_rate(1.0 if to.page else 0.0)
     start = time.perf_counter()
@@ -99,6 +100,6 @@ def record(to: RecordOptions) -> None:
         f"{to.seed}); not recorded on a robot",
     )
     demonstration.save(to.out)
-    console.print(recorded_text(demonstration))
+    console.print(recorded_text(demonstration, has_board=scenario.has_board))
     console.print(f"wrote {to.out} in {time.perf_counter() - start:.0f} s")
     print_next(console, "learn", str(to.out), "--out", "skill.npz")

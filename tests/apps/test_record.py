@@ -28,6 +28,17 @@ def test_recording_is_a_demonstration_to_learn_from(command, outputs):
     assert "placed in" not in played.out
 
 
+def test_recording_in_free_space_is_not_said_to_be_on_a_board(command, outputs):
+    for scenario, task, is_on_board in (
+        ("table_top", "eight", True),
+        ("stir", "stirring", False),
+    ):
+        options = ("--duration", 0.6, "--out", outputs / f"{task}.npz")
+        result = command("record", "--scenario", scenario, "--task", task, *options)
+        assert result.code == 0
+        assert (" on the board\n" in result.out) == is_on_board
+
+
 def test_seed_determines_the_recording_and_the_name_its_format(command, outputs):
     recordings = {}
     for name, seed in (("a.npz", 3), ("b.csv", 3), ("c.npz", 4)):

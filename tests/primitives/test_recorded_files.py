@@ -619,7 +619,13 @@ def test_joint_names_leave_velocities_and_commands_as_they_are(tmp_path):
 def test_a_key_in_one_object_only_takes_no_memory_for_the_others(tmp_path):
     step = 2 * np.pi / 100
     rows = [
-        {"t": k / 20, "x": np.cos(k * step), "y": np.sin(k * step), "z": 0.0, f"id{k}": k}
+        {
+            "t": k / 20,
+            "x": np.cos(k * step),
+            "y": np.sin(k * step),
+            "z": 0.0,
+            f"id{k}": k,
+        }
         for k in range(5000)
     ]
     path = files.write(tmp_path, json.dumps(rows), "d.json").path
