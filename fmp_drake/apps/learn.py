@@ -175,6 +175,7 @@ def learn(
         has_poses = ROTATION_CHANNELS[0] in learned.channels_
         in_free_space = has_poses and "orientation" not in learning.extra
         scene = ["--scenario", "stir"] if in_free_space else []
+        scene += [] if skill.robot is None else ["--robot", skill.robot]
         print_next(console, "wipe", *scene, "--skill", str(skill.out))
 
 

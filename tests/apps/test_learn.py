@@ -80,6 +80,13 @@ def test_bouts_on_a_surface_that_are_another_movement_are_named(command, outputs
     assert "left out: another movement, 0.0 to 6.0 s of bout 1 (bouts" in printed
 
 
+def test_next_command_names_the_robot_of_the_recording(command, make_npz, outputs):
+    skill = outputs / "skill.npz"
+    result = command("learn", make_npz(), "--robot", "ur5e", "--out", skill)
+    last = result.out.splitlines()[-1]
+    assert last == f"next: fmp-drake wipe --robot ur5e --skill {skill}"
+
+
 def test_fitted_board_that_is_not_written_is_said_to_be_lost(
     command, make_npz, outputs
 ):

@@ -728,7 +728,7 @@ def test_report_and_page_list_faults_and_replay_commands(make_store, command, ou
     for text in texts:
         assert "Of 30 trials" in text
         assert "not measured" not in text
-        assert "Of 29 other trials 28 passed (96.6 %)" in text
+        assert "Of the 29 other trials 28 passed (96.6 %)" in text
         assert "22.0 mm rms" in text
         assert "The run reports: contact lost from 2.1 to 3.0 s." in text
         assert f"fmp-drake worlds {store.folder} --replay 7" in text
@@ -773,7 +773,7 @@ def test_report_of_trials_in_free_space_omits_the_board(make_store, where):
 def test_report_of_infeasible_trials_only_is_written(make_store):
     store = make_store(refused_trial)
     TrialsReport(store).write()
-    lines = "refuses 4. Of 0 other trials 0 passed"
+    lines = "refuses 4. Of the 0 other trials 0 passed"
     report = (store.folder / "report.html").read_text()
     assert lines in report
     assert "None were run although infeasible." in report

@@ -142,7 +142,7 @@ class TrialsReport:
         return (
             f"Of {count_text(len(self._trials), 'trial')}, drawn with seed "
             f"{self._plan['seed']}, the feasibility check refuses {len(self._refused)}. "
-            f"Of {count_text(n, 'other trial')} {passed} passed ({_percent(passed, n)}), "
+            f"Of the {count_text(n, 'other trial')} {passed} passed ({_percent(passed, n)}), "
             f"{', '.join(violations) or _NO_VIOLATION}. "
             f"The runs took {self._cpu_seconds / 3600:.2f} hours of one core, at a rate of "
             f"{self._run_per_hour:.0f} per hour, with the code "
