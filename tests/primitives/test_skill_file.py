@@ -133,7 +133,9 @@ def test_saving_over_a_folder_is_an_error(tmp_path, small_skill):
 
 @pytest.mark.parametrize("name", ["gone.npz", "."])
 def test_missing_file_is_named(tmp_path, name):
-    with pytest.raises(SkillFileError, match="there is no skill file"):
+    with pytest.raises(
+        SkillFileError, match=r"there is no skill file .* `fmp-drake learn`"
+    ):
         load_skill(tmp_path / name)
 
 

@@ -319,7 +319,9 @@ class FileFormat:
     def read(self, path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """Return metadata and arrays; refuse a missing, broken or foreign file."""
         if not path.is_file():
-            raise self.error(f"there is no {self.what} {path}.")
+            raise self.error(
+                f"there is no {self.what} {path}; a {self.what} is {self.source}."
+            )
         arrays = read_npz(path, f"a {self.what} is {self.source}", self.error)
         return self.parse(path, arrays.pop("metadata", None)), arrays
 
