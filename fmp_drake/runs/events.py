@@ -1,5 +1,6 @@
 """Events of a run: faults with their times and a sentence about each."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -142,8 +143,9 @@ class RunEvents:
     ----------
     most_force : float
         Normal force above which it is an event, also where the controller measures none, N.
-    compliance : float
-        Of the felt, m/N: in contact the eraser is lower than the board by its compression.
+    compression : callable, optional
+        Returns the compression of the felt, m, for normal forces, N: in contact the eraser is
+        lower than the board by it.
     limits : JointLimits, optional
         Of the arm, to name the joint that is too fast or at its limit.
     """
@@ -152,10 +154,10 @@ class RunEvents:
         self,
         most_force: float = np.inf,
         *,
-        compliance: float = 0.0,
+        compression: Callable[[Array], Array] = np.zeros_like,
         limits: JointLimits | None = None,
     ) -> None:
-        self._most_force, self._compliance = most_force, compliance
+        self._most_force, self._compression = most_force, compression
         self._limits = limits
         # Largest fraction of a speed limit and distance beyond a position limit, rad, while
         # these faults are present, and their joints.
@@ -225,7 +227,7 @@ class RunEvents:
         if np.any(in_contact) and len(pressing):
             heights = chunk["measured_position"].values[in_contact, 2]
             felt = np.interp(position_times[in_contact], force.times, pressing)
-            heights = np.rint(1e3 * (heights + self._compliance * felt))
+            heights = np.rint(1e3 * (heights + self._compression(felt)))
             heights = np.clip(heights, -_MAX_HEIGHT, _MAX_HEIGHT)
             np.add.at(self._heights, heights.astype(int) + _MAX_HEIGHT, 1)
 

@@ -5,6 +5,7 @@ chronological order. Its `result` returns the metrics of all chunks so far.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from math import ceil
 from typing import Any
 
@@ -16,7 +17,7 @@ from fmp_drake.primitives.model.region import DemonstratedRegion
 from fmp_drake.runs.events import Occurrences, RunEvent, RunEvents
 from fmp_drake.runs.log import MILLISECOND, Chunk, Samples
 from fmp_drake.station import Scenario
-from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
+from fmp_drake.station.models.eraser import FeltCompression
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
 from fmp_drake.systems.impedance.controller_status import StatusFlag
 from fmp_drake.systems.impedance.force_control import CONTACT_FORCE
@@ -433,7 +434,7 @@ class RunMetrics:
         excess = scenario.impedance.watchdog.max_excess_force
         self._events = RunEvents(
             np.inf if has_force else 2 * press.force + excess,
-            compliance=FELT_DEPTH / FeltForceLimit(scenario.eraser),
+            compression=partial(FeltCompression, scenario.eraser),
             limits=limits,
         )
 

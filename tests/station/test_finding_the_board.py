@@ -15,10 +15,11 @@ from fmp_drake.systems.scripted_disturbances import Disturbance
 WANTED = 10.0
 
 
-def wiped(skill, seconds, *, name="table_top", height=0.0, push=None):
+def wiped(skill, seconds, *, name="table_top", height=0.0, force=WANTED, push=None):
     """Return times and values of force and status; the eraser starts on the board."""
     scenario = LoadScenario(name)
     scenario.board.error.translation = [0.0, 0.0, height]
+    scenario.press.force = force
     scenario.skill.candidates = 1
     if push:
         scenario.disturbances = [Disturbance(start=1.0, duration=1.0, force=push)]
@@ -47,6 +48,13 @@ def test_a_board_that_is_lower_or_higher_is_pressed_as_desired(wiping_skill, hei
     side = "lower" if height < 0 else "higher"
     assert f"{1e3 * abs(found):.0f} mm {side} than assumed" in rows["surface"]
     assert "than assumed" not in rows["what went wrong"]
+
+
+def test_a_felt_that_is_compressed_by_half_is_not_a_lower_board(wiping_skill):
+    """Its pressure decreases towards the edges, so it is compressed more than in proportion."""
+    run, force, _ = wiped(wiping_skill, 2.5, force=40.0)
+    assert force[-100:].mean() == pytest.approx(40.0, abs=3.0)
+    assert abs(run.metrics()["board_height_error_m"]) < 0.002
 
 
 def test_missing_board_is_reported_by_a_protective_stop(wiping_skill):

@@ -1,4 +1,4 @@
-"""Eraser of any size with its stem, and the force limit of its felt."""
+"""Eraser of any size with its stem, and the compression and force limit of its felt."""
 
 from math import pi
 
@@ -8,6 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia, UnitInertia
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import Array
 from fmp_drake.settings import check_settings
 from fmp_drake.station.models.model_files import AddModel, Collision, Visual
 from fmp_drake.station.scenario_parts import EraserConfig
@@ -114,6 +115,25 @@ def FeltForceLimit(config: EraserConfig, *, sagitta: float = 0.0) -> float:
     x, y = config.footprint
     depth = max(FELT_DEPTH - sagitta, 0.0)
     return config.modulus * depth / (_THICKNESS / 2) * x * y
+
+
+def FeltCompression(config: EraserConfig, force: Array) -> Array:
+    """Return the compression of a flat felt, m, under normal forces, N; of equal shape.
+
+    A box of height h has the pressure ``2 modulus / h`` times the distance d from its
+    nearest face: ``(x y d - (x + y) d² + 4/3 d³) 2 modulus / h`` in all. From the depth
+    of the core on, it remains constant.
+
+    Examples
+    --------
+    >>> (1e3 * FeltCompression(EraserConfig(), np.array([10.0, 30.0]))).round(2)
+    array([2.13, 7.5 ])
+    """
+    x, y = config.footprint
+    d = np.linspace(0, min(FELT_DEPTH, x / 2, y / 2), 100)
+    volumes = x * y * d - (x + y) * d**2 + 4 / 3 * d**3
+    forces = volumes * config.modulus / (_THICKNESS / 2)
+    return np.asarray(np.interp(force, forces, d), dtype=float)
 
 
 def _Contacts(config: EraserConfig) -> list[Collision]:
