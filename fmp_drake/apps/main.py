@@ -99,7 +99,10 @@ def _usage_hint(error: "click.ClickException") -> str:
     if surplus is not None:
         suffix, names = Path(surplus[1]).suffix, {p.name for p in command.params}
         if suffix in ("", ".yaml", ".yml") and "scenario" in names:
-            return f"; did you mean --scenario {surplus[1]}?"
+            from fmp_drake.station.robots.robot import ListRobots  # Slow to import.
+
+            option = "--robot" if surplus[1] in ListRobots() else "--scenario"
+            return f"; did you mean {option} {surplus[1]}?"
         if suffix and {"demonstrations", "scenario"} <= names:
             option = "--skill" if suffix == ".npz" else "--demo"
             return f"; did you mean {option} {surplus[1]}?"

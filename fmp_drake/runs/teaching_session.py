@@ -325,7 +325,9 @@ class TeachingSession:
             self._learn([*self._earlier, *recordings])
         else:
             self._teach(self._joint_angles())
-            self.remark = "show more: it is learned together with the earlier motion"
+            self.remark = (
+                "move the arm; the motion is learned together with the earlier one"
+            )
 
     def _press_save(self) -> None:
         demonstrations = self.demonstrations if self._run is None else self._earlier

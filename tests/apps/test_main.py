@@ -63,6 +63,7 @@ SCRIPT = Path(sys.executable).parent / "fmp-drake"
         (("--spin",), "--spin"),
         (("--spin",), "See fmp-drake wipe -h."),
         (("pushed.yaml",), "did you mean --scenario pushed.yaml?"),
+        (("ur5e",), "did you mean --robot ur5e?"),
         (("skill.npz",), "did you mean --skill skill.npz?"),
         (("mine.csv",), "did you mean --demo mine.csv?"),
     ],
