@@ -455,6 +455,17 @@ def test_pauses_at_the_same_place_of_two_recordings_are_left_out():
     assert [part.recording for part in found.left_out] == [0, 1]
 
 
+def test_a_recording_without_the_movement_of_the_others_is_no_approach():
+    rng = np.random.default_rng(7)
+    circle = named_curve(rng, "circle", 3)(varying_phase(rng, 500, 50, 0.05))
+    line = np.linspace([0.5, 0.0, 0.3], [0.9, 0.4, 0.1], 120)
+    recordings = [line + smooth_noise(rng, 120, 3, 5e-4), circle]
+    found = find_rhythm(list(map(demonstration, recordings)))
+    (part,) = found.left_out
+    assert (part.recording, part.start, part.end) == (0, 0.0, 120 / RATE)
+    assert "left out: no cycle, 0.0 to 6.0 s of recording 1" in found.describe()
+
+
 def test_parts_beside_pauses_cover_the_recordings():
     for seed in range(30):
         rng = np.random.default_rng(seed)

@@ -49,7 +49,8 @@ class Part:
         s, from the beginning of the recording.
     kind : str
         "bout", or the reason for leaving it out: "approach", "retreat", "pause", "lift"
-        (a departure from the movement and return), "backwards" or "another movement".
+        (a departure from the movement and return), "backwards", "another movement", or
+        "no cycle" for a whole recording.
     cycle_ends : tuple of float
         s, of a bout: instants at which whole cycles since its start end, or since that of
         the bout before a pause in few cycles. Not compared.
@@ -291,7 +292,7 @@ def _kind(values: Array, label: Indices, start: int, end: int, size: float) -> s
     if label[start] != OUTSIDE:
         return _KINDS[label[start]]
     if start == 0:
-        return "approach"
+        return "approach" if end < len(values) else "no cycle"
     if end == len(values):
         return "retreat"
     part = values[start:end]

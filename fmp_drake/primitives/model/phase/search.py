@@ -92,7 +92,7 @@ _MOST_IN_PLACE = 5
 # difference of its steps from their mean, and greatest part of the lap.
 _GROWTH, _UNEQUAL, _PART = 0.5, 0.3, 0.9
 # Kinds of parts that may be strokes of a lap.
-_WITH_STROKES = ("approach", "retreat", "another movement")
+_WITH_STROKES = ("approach", "retreat", "no cycle", "another movement")
 # Units of the channels that are searched separately, in this order.
 _MOTION_UNITS = ("m", "rad")
 
