@@ -36,7 +36,7 @@ _NUMBERS = {"true": 1.0, "false": 0.0, ".nan": np.nan, ".inf": np.inf, "-.inf": 
 # Greatest depth of lists and mappings in YAML.
 _MOST_LEVELS = 100
 # Keys in less than one of so many objects are left out.
-_RAREST = 100
+_RAREST = 1000
 # Beginnings and ends of documents in YAML.
 _DOCUMENT = re.compile(r"^(?:---|\.\.\.)(?!\S)", re.MULTILINE)
 
