@@ -200,25 +200,25 @@ def _errors(
     quarter of their length count as well; their missing samples are NaN.
     """
     missing_samples = 0 if track.cycles > _MANY_CYCLES else 3 * int(steps[-1]) // 4
-    windows_of: list[list[Array]] = [[] for _ in phases]
+    windows_of: list[list[Array]] = []
     for y, phase in zip(track.recordings, track.phases, strict=True):
         times = np.arange(len(y), dtype=float)
-        spline = CubicSpline(times, y)
         monotonic_phase = np.maximum.accumulate(phase) + 1e-9 * times
-        for m, grid_phase in enumerate(phases):
-            first = np.ceil((monotonic_phase[0] - grid_phase) / (2 * np.pi))
-            last = np.floor((monotonic_phase[-1] - grid_phase) / (2 * np.pi))
-            passages = grid_phase + 2 * np.pi * np.arange(first, last + 1)
-            passage_times = np.interp(passages, monotonic_phase, times)
-            passage_times = passage_times[
-                (passage_times + steps[0] >= 0)
-                & (passage_times + steps[-1] <= times[-1] + missing_samples)
-            ]
-            places = passage_times[:, None] + steps
-            windows = spline(places) - cycles[m]
-            windows[places > times[-1]] = np.nan
-            windows_of[m].append(windows.reshape(len(passage_times), cycles[m].size))
-    return [np.concatenate(windows) for windows in windows_of]
+        first, last = np.floor(monotonic_phase[[0, -1]] / (2 * np.pi))
+        passages = phases[:, None] + 2 * np.pi * np.arange(first - 1, last + 2)
+        is_inside = (passages >= monotonic_phase[0]) & (passages <= monotonic_phase[-1])
+        passage_times = np.interp(passages, monotonic_phase, times)
+        is_inside &= (passage_times + steps[0] >= 0) & (
+            passage_times + steps[-1] <= times[-1] + missing_samples
+        )
+        places = passage_times[is_inside][:, None] + steps
+        indices = np.nonzero(is_inside)[0]
+        windows = CubicSpline(times, y)(places)
+        windows -= cycles[indices]
+        windows[places > times[-1]] = np.nan
+        ends = np.cumsum(np.count_nonzero(is_inside, axis=1))
+        windows_of.append(np.split(windows.reshape(len(places), -1), ends[:-1]))
+    return [np.concatenate(windows) for windows in zip(*windows_of, strict=True)]
 
 
 def _fill_missing(errors: Array, prior: Array) -> Array:
