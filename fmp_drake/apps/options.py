@@ -350,19 +350,18 @@ class SceneOptions(ScenarioOptions):
     )
 
     def load(self) -> Scenario:
-        """Return the scenario, changed by these options."""
+        """Return the scenario, changed by these options; wrong values are found before learning."""
         scenario = super().load()
         if self.move_board is not None:
             moved = np.add(scenario.board.translation, self.move_board)
             scenario.board.translation = moved.tolist()
-            scenario.check()
         if self.start is not None:
             scenario.start = list(self.start)
         if self.tempo is not None:
             scenario.skill.tempo = self.tempo
         if self.press_force is not None:
             scenario.press.force = self.press_force
-            scenario.check()
+        scenario.check()
         return scenario
 
     def check(self, scenario: Scenario, skill: FourierMovementPrimitive) -> None:

@@ -110,6 +110,8 @@ def test_tempo_and_force_are_those_of_the_scenario_unless_they_are_given(refused
     assert SceneOptions(tempo=0.7).load().skill.tempo == 0.7
     assert SceneOptions(press_force=6.5).load().press.force == 6.5
     assert "tempo is -1" in refused("check", "--tempo", -1)
+    # Before a recording is read.
+    assert "tempo is 80" in refused("check", "--tempo", 80, "--demo", "missing.csv")
     assert "press.force is 500" in refused("check", "--press-force", 500)
 
 
