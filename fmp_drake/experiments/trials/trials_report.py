@@ -134,16 +134,16 @@ class TrialsReport:
         """Return a summary of the trials in a few sentences."""
         n, passed = len(self._run), len(self._run) - len(self._failed)
         counts = self._count(self._run)
-        violations = [
-            f"{counts[kind]} with {title}"
-            for kind, title in _NEVER.items()
-            if counts[kind]
+        found = [
+            f"{counts[k]} with {title}" for k, title in _KINDS.items() if counts[k]
         ]
+        if not any(counts[kind] for kind in _NEVER):
+            found.append(_NO_VIOLATION)
         return (
             f"Of {count_text(len(self._trials), 'trial')}, drawn with seed "
             f"{self._plan['seed']}, the feasibility check refuses {len(self._refused)}. "
             f"Of the {count_text(n, 'other trial')} {passed} passed ({_percent(passed, n)}), "
-            f"{', '.join(violations) or _NO_VIOLATION}. "
+            f"{', '.join(found)}. "
             f"The runs took {self._cpu_seconds / 3600:.2f} hours of one core, at a rate of "
             f"{self._run_per_hour:.0f} per hour, with the code "
             f"{', '.join(sorted({trial.code for trial in self._trials}))}.{self._remark}"
