@@ -1015,6 +1015,38 @@ def test_a_quaternion_in_numbered_columns_has_the_stated_order(order, tmp_path):
     assert "x, y, z, w; if it is w, x, y, z, add --quaternions wxyz" in remarks[0]
 
 
+@pytest.mark.parametrize("name", ["Gyr_{}", "gyr{}", "Gyro_{}", "imu_gyr_{}"])
+def test_angular_rates_of_a_gyroscope_are_no_position(name, tmp_path):
+    header = ",".join(["time", *map(name.format, "XYZ")])
+    columns = (files.TIME, *files.PATH.T, *files.QUATERNIONS.T)
+    text = files.lines(*columns, header=f"{header},qx,qy,qz,qw")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == (*map(name.format, "XYZ"), "rx", "ry", "rz")
+
+
+def test_a_column_with_one_value_is_left_out(tmp_path):
+    text = files.lines(files.TIME, *files.PATH.T, header="time,x,y,z,start")
+    first, second, rest = text.split("\n", 2)
+    rows = [f"{line}," for line in rest.splitlines()]
+    text = "\n".join([first, f"{second},1755022819.805", *rows])
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z")
+    assert_allclose(found.values, files.PATH)
+    assert "start left out: less than 2 values" in remarks[0]
+
+
+@pytest.mark.parametrize("name", ["tcp", "actual_tcp", "ee", "eef"])
+@pytest.mark.parametrize("count", [3, 6])
+def test_numbered_columns_of_a_tool_begin_with_a_position(name, count, tmp_path):
+    header = ",".join(["time", *(f"{name}_{i}" for i in range(count))])
+    columns = (files.TIME, *files.PATH.T, *(0.1 * files.PATH.T)[: count - 3])
+    path = files.write(tmp_path, files.lines(*columns, header=header)).path
+    (found,), remarks = read_demonstrations([path])
+    assert found.channels == ("x", "y", "z")
+    assert_allclose(found.values, files.PATH, atol=1e-12)
+    assert ("angles that are not read" in " ".join(remarks)) == (count == 6)
+
+
 def test_named_components_of_a_quaternion_need_no_order(tmp_path):
     file = files.tum(tmp_path).path
     found, _ = read_demonstrations([file], ReadingOptions(quaternions="wxyz"))

@@ -380,6 +380,36 @@ def test_refusal_of_a_jump_tells_how_the_orientation_was_read(header, hint, tmp_
     assert_allclose(found.values, files.PATH, atol=1e-12)
 
 
+def test_an_orientation_that_turns_on_is_left_out_beside_a_position(tmp_path):
+    angles = np.outer(6 * files.TIME, [0, 0, 1])
+    quaternions = Rotation.from_rotvec(angles).as_quat()
+    found, remarks = read(table(tmp_path, quaternions, header="x,y,z,qx,qy,qz,qw"))
+    assert found.channels == ("x", "y", "z")
+    assert_allclose(found.values, files.PATH, atol=1e-12)
+    assert re.search("orientation left out: .* is rotated by", remarks)
+    text = files.lines(files.TIME, *quaternions.T, header="time,qx,qy,qz,qw")
+    path = files.write(tmp_path, text).path
+    with pytest.raises(FmpError, match=r"is rotated by .* from the reference"):
+        read(path)
+
+
+@pytest.mark.parametrize("length", [1.0, 0.9983])
+def test_w_x_y_and_z_are_a_quaternion_of_about_unit_length(length, tmp_path):
+    numbers = length * np.roll(QUATERNIONS, 1, axis=1)
+    text = files.lines(files.TIME, *numbers.T, header="Time (s),W,X,Y,Z")
+    found, _ = read(files.write(tmp_path, text).path)
+    assert found.channels == ("rx", "ry", "rz")
+    recorded = rotations_of(found.values, found.rotation_reference)
+    assert np.max((recorded * TURNS.inv()).magnitude()) < 1e-6
+
+
+def test_homogeneous_coordinates_are_a_position(tmp_path):
+    path = np.column_stack([0.1 * files.PATH, np.ones(len(files.TIME))])
+    text = files.lines(files.TIME, *path.T, header="time,x,y,z,w")
+    found, _ = read(files.write(tmp_path, text).path)
+    assert found.channels[:3] == ("x", "y", "z")
+
+
 def test_samples_without_an_angle_are_left_out(tmp_path):
     angles = RADIANS.copy()
     angles[[5, 6], 1] = np.nan

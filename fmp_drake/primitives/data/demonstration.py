@@ -23,6 +23,7 @@ from fmp_drake.numeric import (
     read_only,
 )
 from fmp_drake.primitives.data.channels import (
+    POSITION_CHANNELS,
     QUATERNION_CHANNELS,
     ROTATION_CHANNELS,
     Quaternion,
@@ -32,6 +33,7 @@ from fmp_drake.primitives.data.channels import (
 from fmp_drake.primitives.data.files import replaced
 from fmp_drake.primitives.data.orientation import (
     QuaternionOrder,
+    RotationRangeError,
     as_rotation,
     mean_rotation,
     rotation_vectors,
@@ -528,7 +530,9 @@ def read_demonstrations(
                     recording, quaternions, order="xyzw", reference=reference
                 )
         except DemonstrationError as error:
-            if not table.has_angles:
+            turns_on = isinstance(error, RotationRangeError)
+            has_position = set(POSITION_CHANNELS) <= set(recording.channels)
+            if not (table.has_angles or (turns_on and has_position)):
                 raise
             remarks.append(f"orientation left out: {error}")
             note = "; ".join(filter(None, [recording.note, remarks[-1]]))

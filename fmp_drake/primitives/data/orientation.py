@@ -36,6 +36,10 @@ _LARGEST_STEP = np.pi / 2
 _SMALL = 1e-2
 
 
+class RotationRangeError(DemonstrationError):
+    """An orientation is too far from its reference for a rotation vector."""
+
+
 class HasOrientation(Protocol):
     """A fitted skill, rhythmic or discrete, that may have rotation channels."""
 
@@ -146,7 +150,7 @@ def rotation_vectors(
     angles = np.linalg.norm(out, axis=1)
     farthest = int(np.argmax(angles))
     if angles[farthest] > LARGEST_ANGLE:
-        raise DemonstrationError(
+        raise RotationRangeError(
             f"sample {farthest} is rotated by {np.rad2deg(angles[farthest]):.0f} degrees "
             "from the reference; rotation vectors are defined up to "
             f"{np.rad2deg(LARGEST_ANGLE):.0f}. Choose a nearer reference, or cut the "

@@ -95,7 +95,7 @@ NO_POSITION = re.compile(
     r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
     r"|speed|jerk|(^|_)[a-z]_dot|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
     r"|(^|_)(f|v|a|w|r|q|m|d|omega|theta|tau|ori|err|error|f_?tool|f_tip)$|^(q|v|a|w|b)_"
-    r"|(^|_)((net)?fts?\d*|imu|joy(stick)?)(_|$)"
+    r"|(^|_)((net)?fts?\d*|gyr|imu|joy(stick)?)(_|$)"
 )
 """Words in the names of axes that are not positions."""
 # Words in the names of a tool's position.
@@ -158,9 +158,10 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     stamp, time_columns = time_column(columns, options, listed, remarks)
     unread = group_sources | time_columns
     others = [c for c in columns if c.number not in unread and not c.is_counter]
-    if empty := [c for c in others if np.all(np.isnan(c.values))]:
-        others = [c for c in others if c not in empty]
-        remarks.append(f"{', '.join(c.name for c in empty)} left out: empty")
+    least = min(2, len(table.values))
+    if few := [c for c in others if np.count_nonzero(~np.isnan(c.values)) < least]:
+        others = [c for c in others if c not in few]
+        remarks.append(f"{', '.join(c.name for c in few)} left out: less than 2 values")
     if set(options.columns) - {"time"}:
         # A column without a name is found by the name of its channel.
         for column, label in zip(others, _labels(others), strict=True):

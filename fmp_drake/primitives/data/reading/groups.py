@@ -21,7 +21,8 @@ _ELEMENTS = [
     for m, n in ((3, 3), (3, 4), (4, 4))
 ]
 # Last words of the names before the numbers.
-_POSITIONS = re.compile(r"(.*_)?(p|pos|positions?|translations?|points?|xyz)")
+_TOOL = "tcp|eef?"
+_POSITIONS = re.compile(rf"(.*_)?(p|pos|positions?|translations?|points?|xyz|{_TOOL})")
 _QUATERNIONS = re.compile(r"(.*_)?(q|quats?|quaternions?|orientations?|rot|rotations?)")
 _ORDER = re.compile(r"(.*?)_?(xyzw|wxyz)")
 _MATRICES = re.compile(
@@ -32,7 +33,7 @@ _JOINTS = re.compile(r"(.*_)?(q|qpos|joints?|joint_positions?|theta|angles?)")
 _WRENCH = re.compile(
     r"(.*?)_?(force_torque|force|wrench|ft|(?<![a-z0-9])f|f_ext_hat_k)(?:_raw|_sensor)?"
 )
-_CARTESIAN = re.compile(r"(.*_)?(cart|cartesian|ee|eef|tcp|tool|flange|pose)_")
+_CARTESIAN = re.compile(rf"(.*_)?((cart|cartesian|tool|flange|pose|{_TOOL})_|{_TOOL})")
 # Doosan: a position in mm, and angles about z, y and z in degrees.
 _DOOSAN = re.compile(r"(.*_)?posx")
 _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
@@ -41,8 +42,8 @@ _STATE = re.compile(r"(.*_)?state")
 _JOINT_STATE = re.compile(r"(.*)_position")
 _RATES_OF_JOINTS = ("velocity", "effort")
 # Greatest error of a quaternion's length, where the name does not say that it is a
-# quaternion, and where it does.
-_EXACT, _STATED = 1e-3, 0.1
+# quaternion, where the elements have its names, and where the name says so.
+_EXACT, _CLOSE, _STATED = 1e-3, 1e-2, 0.1
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
 
@@ -128,8 +129,11 @@ def column_groups(
     yield from _joint_states(table.names, keys, values)
     if set("wxyz") <= set(keys):  # A quaternion whose name does not say so.
         sources = [len(keys) - 1 - keys[::-1].index(axis) for axis in "xyzw"]
-        if _is_unit(values[:, sources], _EXACT):
-            yield Group(set(sources), list(_POSE[3:]), [""] * 4, values[:, sources])
+        elements = values[:, sources]
+        varies = [np.unique(c[~np.isnan(c)]).size > 1 for c in elements.T]
+        # Of the homogeneous coordinates of a position only w is constant.
+        if varies[3] >= any(varies) and _is_unit(elements, _CLOSE):
+            yield Group(set(sources), list(_POSE[3:]), [""] * 4, elements)
 
 
 def _matrices(keys: Sequence[str]) -> dict[str, dict[int, int]]:
