@@ -386,7 +386,8 @@ def test_an_orientation_that_turns_on_is_left_out_beside_a_position(tmp_path):
     found, remarks = read(table(tmp_path, quaternions, header="x,y,z,qx,qy,qz,qw"))
     assert found.channels == ("x", "y", "z")
     assert_allclose(found.values, files.PATH, atol=1e-12)
-    assert re.search("orientation left out: .* is rotated by", remarks)
+    assert remarks.startswith("d.csv: orientation left out: sample")
+    assert found.note in remarks
     text = files.lines(files.TIME, *quaternions.T, header="time,qx,qy,qz,qw")
     path = files.write(tmp_path, text).path
     with pytest.raises(FmpError, match=r"is rotated by .* from the reference"):

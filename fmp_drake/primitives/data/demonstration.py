@@ -525,17 +525,18 @@ def read_demonstrations(
         recording = demonstrations[i]
         hint = "; ".join(r for r in table.remarks if _READING.search(r))
         try:
-            with _naming(path, hint):
-                recording = add_orientation(
-                    recording, quaternions, order="xyzw", reference=reference
-                )
+            recording = add_orientation(
+                recording, quaternions, order="xyzw", reference=reference
+            )
         except DemonstrationError as error:
             turns_on = isinstance(error, RotationRangeError)
             has_position = set(POSITION_CHANNELS) <= set(recording.channels)
             if not (table.has_angles or (turns_on and has_position)):
-                raise
-            remarks.append(f"orientation left out: {error}")
-            note = "; ".join(filter(None, [recording.note, remarks[-1]]))
+                with _naming(path, hint):
+                    raise
+            left_out = f"orientation left out: {error}" + f" ({hint})" * bool(hint)
+            remarks.append(f"{path.name}: {left_out}")
+            note = "; ".join(filter(None, [recording.note, left_out]))
             recording = replace(recording, note=note)
         names = [c for c in recording.channels if c not in QUATERNION_CHANNELS]
         demonstrations[i] = recording.select(names)
