@@ -244,6 +244,8 @@ def describe_recording(
         cycles = "; ".join(rhythm.describe())
     except DemonstrationError as error:
         cycles = f"none found: {error}{_cycles_of_poses(demonstration, **options)}"
+        if len(learned.channels) > len(POSITION_CHANNELS):
+            cycles += " If only some channels repeat, name them (--columns)."
     try:
         limits = options.get("start_time"), options.get("end_time")
         (part,) = cut_demonstrations([learned], *limits, DEFAULT_RATE)

@@ -195,6 +195,25 @@ def test_part_without_samples_is_not_announced_as_possible():
         assert announced.startswith("learning: not possible: demonstration 1 lasts")
 
 
+@pytest.mark.parametrize("others", [0, 3])
+def test_a_recording_of_many_channels_without_cycles_is_advised_to_name_some(others):
+    time = np.arange(0, 20, 0.02)
+    rng = np.random.default_rng(0)
+    noise = np.cumsum(rng.normal(size=(len(time), 3 + others)), axis=0)
+    names = tuple(f"{kind}_{axis}" for kind in ("acc", "gyr") for axis in "xyz")
+    recording = Demonstration(
+        time=time,
+        values=noise,
+        channels=names[: 3 + others],
+        units=("1",) * (3 + others),
+    )
+    cycles = describe_recording(recording)[2]
+    assert cycles.startswith("cycles: none found")
+    assert ("If only some channels repeat, name them (--columns)." in cycles) == (
+        others > 0
+    )
+
+
 def test_tremor_of_the_force_is_not_learned_and_the_path_is_learned_as_it_was_shown():
     time = np.arange(0, 60, 0.05)
     path = circles(3 * time)
