@@ -370,7 +370,8 @@ def _advice_without_position(demonstration: Demonstration, robot: str) -> str:
     others = [r for r in ListRobots() if RobotJoints(demonstration, robot=r)]
     if others and "rad" in units:
         return f"Joints of {' or '.join(others)}? Name it: --robot {others[0]}"
-    if "rad" in units:
+    turns = {name for name, unit in zip(names, units, strict=True) if unit == "rad"}
+    if turns - set(ROTATION_CHANNELS):
         advice = f"Joints of another robot than {robot}? Name it (learn --robot). "
     axes = POSITION_CHANNELS[: len(names)]
     if len(axes) < 2:

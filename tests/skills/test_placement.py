@@ -353,6 +353,19 @@ def test_recording_without_a_position_is_kept_where_no_board_is_needed():
         place_on_board(recording, scenario=Scenario())
 
 
+@pytest.mark.parametrize("names", [("rx", "ry", "rz"), ("j1", "j2", "j3")])
+def test_an_orientation_is_not_taken_for_joints_of_another_robot(names):
+    recorded = Demonstration(
+        time=np.arange(100) / 50,
+        values=np.random.default_rng(0).random((100, 3)),
+        channels=names,
+        units=("rad",) * 3,
+    )
+    with pytest.raises(DemonstrationError) as refusal:
+        place_on_board(recorded, scenario=Scenario())
+    assert ("Joints of another robot" in str(refusal.value)) == (names[0] == "j1")
+
+
 @pytest.mark.parametrize(
     ("make", "columns"),
     [
