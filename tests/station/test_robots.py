@@ -427,6 +427,32 @@ LOOP = """<joint name="back" type="fixed"><parent link="ur5e_link6"/>
             {},
             "^ur5e_joint6 of own.urdf cannot mimic another joint; make it fixed",
         ),
+        (  # Drake reads this comment, which is not strict XML.
+            {
+                '(<joint name="ur5e_joint6"[^>]*>)': r'\1<mimic joint="ur5e_joint5"/>',
+                "</robot>": "<!-- a -- b --></robot>",
+            },
+            {},
+            "^a joint of own.urdf cannot mimic another joint; make it fixed",
+        ),
+        (
+            {
+                r'(joint3".*?)lower="([^"]*)" upper="([^"]*)"': r'\1lower="\3" upper="\2"',
+                "</robot>": "<!-- a -- b --></robot>",
+            },
+            {},
+            "own.urdf cannot be read: Failure at .*joint.h",
+        ),
+        (  # One that is fixed mimics nothing.
+            {
+                '(<joint name="ur5e_joint6"[^>]*>)': r'\1<mimic joint="ur5e_joint5"/>',
+                "</robot>": FINGER.format("fixed").replace(
+                    "</joint>", '<mimic joint="ur5e_flange_joint"/></joint>'
+                ),
+            },
+            {},
+            "^ur5e_joint6 of own.urdf cannot mimic another joint; make it fixed",
+        ),
         (  # Such a joint has no motor of its own.
             {
                 '(<joint name="ur5e_joint6" [^>]*>)': r'\1<mimic joint="ur5e_joint5"/>',

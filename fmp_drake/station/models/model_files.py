@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.dom.expatbuilder import parse
 from xml.dom.minidom import Element
+from xml.parsers.expat import ExpatError
 
 import numpy as np
 import pydrake.common
@@ -76,10 +77,13 @@ def named_joints(file: str | Path, element: str) -> dict[str, Element]:
     Returns
     -------
     dict of str to Element
-        By the names of the joints.
+        By the names of the joints; empty where the file is not strict XML, which Drake reads.
     """
-    # As for Drake, prefixes need no declaration.
-    joints = parse(str(file), namespaces=False).getElementsByTagName("joint")
+    try:  # As for Drake, prefixes need no declaration.
+        document = parse(str(file), namespaces=False)
+    except (ExpatError, ValueError):
+        return {}
+    joints = document.getElementsByTagName("joint")
     return {
         joint.getAttribute("name"): found
         for joint in joints

@@ -403,9 +403,10 @@ def _CheckModel(
             'its last one as flange, and make the joints of a gripper fixed (type="fixed").'
         )
     if plant.num_constraints():
-        mimics = ", ".join(named_joints(config.model, "mimic")) or "a joint"
+        mimics = [n for n in named_joints(config.model, "mimic") if n in order]
         raise StationError(
-            f"{mimics} of {model} cannot mimic another joint; make it fixed or independent."
+            f"{', '.join(mimics) or 'a joint'} of {model} cannot mimic another joint; "
+            "make it fixed or independent."
         )
     # As in a plant, wherever they are in the file.
     joints.sort(key=lambda joint: order.index(joint.name()))
@@ -422,10 +423,9 @@ def _CheckModel(
             f"{', '.join(without)} of {model} cannot be moved: a joint needs an effort limit "
             "above 0, Nm, and in a URDF a transmission."
         )
-    unlimited = [
+    if unlimited := [
         j.name() for j in joints if not 0 < j.velocity_upper_limits()[0] < np.inf
-    ]
-    if unlimited:
+    ]:
         raise StationError(
             f"the velocity limit of {', '.join(unlimited)} of {model} is missing or 0; give "
             "the joint's greatest speed, rad/s."
