@@ -4,6 +4,7 @@ from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
@@ -42,6 +43,8 @@ from fmp_drake.systems.surface.surface import Surface
 
 # Natural frequency of the servo that moves a board, rad/s.
 _SERVO = 120.0
+# Distance beyond the limit of a joint that a plant permits, rad.
+_YIELD = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -192,6 +195,9 @@ def AddBoardScene(
         q = SolveStartPosture(scenario, model, start)
     posture = finite_array(q, "q", (len(config.posture),), error=StationError)
     limits = model.plant.GetPositionLowerLimits(), model.plant.GetPositionUpperLimits()
+    # An arm that is pushed against a limit is a little beyond it.
+    nearest = np.clip(posture, *limits)
+    posture = np.where(np.abs(posture - nearest) < _YIELD, nearest, posture)
     with in_one_line("q is not in the joints' ranges"):
         check_posture(posture.tolist(), model.joint_names, *limits)
     plant.SetDefaultPositions(robot.arm, posture)

@@ -113,3 +113,13 @@ def test_a_board_that_moves_is_refused_where_nothing_measures_it():
 def test_initial_angles_out_of_range_are_refused_by_the_name_of_the_joint():
     with pytest.raises(StationError, match=r"^q is not .* has 9 for panda_joint1, who"):
         MakeStation(LoadScenario("table_top"), None, q=np.full(7, 9.0))
+
+
+def test_an_arm_that_was_pushed_against_a_limit_starts_at_it():
+    """A plant permits a joint to be up to a microradian beyond its limit."""
+    limit = 2.8973
+    q = np.array([limit + 1e-6, -0.6, 0.0, -2.2, 0.0, 1.6, 0.8])
+    station = MakeStation(LoadScenario("table_top"), None, q=q)
+    state = station.GetOutputPort("state").Eval(station.CreateDefaultContext())
+    assert_allclose(state[:7], q, atol=2e-6)
+    assert state[0] <= limit
