@@ -638,6 +638,16 @@ def test_a_key_in_one_object_only_takes_no_memory_for_the_others(tmp_path):
     assert peak < 60e6
 
 
+@pytest.mark.parametrize("every", [50, 150])
+def test_a_position_that_is_rare_beside_other_values_is_not_ignored(tmp_path, every):
+    rows = [{"t": k / 20, "force": 5.0 + np.sin(k / 9)} for k in range(3000)]
+    for row in rows[::every]:
+        row |= {"x": np.cos(row["t"]), "y": np.sin(row["t"]), "z": 0.1}
+    path = files.write(tmp_path, json.dumps(rows), "d.json").path
+    with pytest.raises(FmpError, match="samples have no value of x, y, z"):
+        Demonstration.load(path)
+
+
 def test_stamps_in_seconds_and_nanoseconds_are_exact(tmp_path):
     whole, nanoseconds = np.divmod(files.STAMPS, 10**9)
     names = "header.stamp.sec,header.stamp.nanosec,x,y,z"

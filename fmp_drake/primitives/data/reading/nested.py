@@ -35,8 +35,8 @@ _JSON_LINE = '{"time": 0.1, "x": 0.2, "y": 0.3, "z": 0}'
 _NUMBERS = {"true": 1.0, "false": 0.0, ".nan": np.nan, ".inf": np.inf, "-.inf": -np.inf}
 # Greatest depth of lists and mappings in YAML.
 _MOST_LEVELS = 100
-# Keys in less than one of so many objects are left out.
-_RAREST = 1000
+# Keys in less than one of so many objects are left out where most of a table would be empty.
+_RAREST = 100
 # Beginnings and ends of documents in YAML.
 _DOCUMENT = re.compile(r"^(?:---|\.\.\.)(?!\S)", re.MULTILINE)
 
@@ -176,7 +176,9 @@ def _object_columns(objects: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
     rows = [dict(flat_values(item)) for item in objects]
     counts = Counter(name for row in rows for name in row)
     # A key of each object's own, such as its number, would make the table a square.
-    names = [name for name, count in counts.items() if count * _RAREST >= len(rows)]
+    is_empty = counts.total() * _RAREST < len(counts) * len(rows)
+    least = len(rows) / _RAREST if is_empty else min(len(rows) / _RAREST, 2)
+    names = [name for name, count in counts.items() if count >= least]
     columns = {name: _column([row.get(name) for row in rows]) for name in names}
     return {name: column for name, column in columns.items() if column is not None}
 
