@@ -296,8 +296,13 @@ class RunEvents:
                 text = f": joint {joint + 1}, at up to {100 * excess:.0f} % of its limit of "
                 text += f"{self._limits.speed[joint]:.3g} rad/s"
                 if flag == StatusFlag.JOINT_WALL:
-                    side = "beyond" if excess > 0 else "from"
-                    text = f": joint {joint + 1}, {abs(excess):.2f} rad {side} it"
+                    size = (
+                        f"{abs(excess):.2f}"
+                        if abs(excess) >= 0.01
+                        else "less than 0.01"
+                    )
+                    side = "beyond" if excess >= 0.01 else "from"
+                    text = f": joint {joint + 1}, {size} rad {side} it"
                 details[_JOINT_FAULTS[flag]] = text
         return details
 

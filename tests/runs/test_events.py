@@ -156,7 +156,12 @@ def test_a_joint_too_fast_is_named_with_its_limit(until):
 
 @pytest.mark.parametrize("until", [(), (4.05, 4.15)])
 @pytest.mark.parametrize(
-    ("angle", "detail"), [(-0.94, "0.06 rad from"), (-1.02, "0.02 rad beyond")]
+    ("angle", "detail"),
+    [
+        (-0.94, "0.06 rad from"),
+        (-1.02, "0.02 rad beyond"),
+        (-1.0 - 1e-6, "less than 0.01 rad from"),
+    ],
 )
 def test_a_joint_at_its_limit_is_named_with_its_distance(until, angle, detail):
     signals = recorded()
