@@ -14,8 +14,8 @@ from fmp_drake.systems.interface.callbacks import check_frame
 # Distance of the default posture from the limit of a joint that has one only, rad.
 _FROM_LIMIT = 1.0
 # Ranges of a revolute joint that are degrees: from 10 revolutions on, rad. Files without
-# limits have larger numbers, such as 1e16 on both sides.
-_DEGREES = 20 * np.pi, 2e4
+# limits have larger numbers, such as 1e3 or 1e16 on both sides.
+_DEGREES = 20 * np.pi, 1500.0
 
 type _Arguments = tuple[bool, Array, Array, Array, Array, Array, Array, Array]
 
