@@ -217,7 +217,8 @@ def _errors(
         windows -= cycles[indices]
         windows[places > times[-1]] = np.nan
         ends = np.cumsum(np.count_nonzero(is_inside, axis=1))
-        windows_of.append(np.split(windows.reshape(len(places), -1), ends[:-1]))
+        windows = windows.reshape(len(places), cycles[0].size)
+        windows_of.append(np.split(windows, ends[:-1]))
     return [np.concatenate(windows) for windows in zip(*windows_of, strict=True)]
 
 
