@@ -20,8 +20,8 @@ _MAX_HEIGHT = 1000
 # missing within the second time after a touch was lost; within it after a landing, the
 # controller has not noticed the contact yet if the last touch is not older than the third, s.
 _LANDING, _JUST, _TOUCHING = 1.0, 0.3, 0.05
-# A magnitude above 0 that is rounded to 0 in texts.
-_TINY = 1e-9
+# A magnitude above 0 that is rounded to 0 in texts, and the least distance in them, rad.
+_TINY, _SMALL = 1e-9, 0.01
 _FORCE = "a normal force far too large"
 _STOPPED = int(StatusFlag.PROTECTIVE_STOP)
 _NO_TARGET = int(StatusFlag.PROTECTIVE_STOP | StatusFlag.RECOVER)
@@ -189,7 +189,8 @@ class RunEvents:
         if self._limits is not None:
             for flag in self._worst:
                 marked = times[flags & int(flag) > 0]
-                self._find_worst(flag, chunk["state"], marked, self._limits)
+                if len(marked):
+                    self._find_worst(flag, chunk["state"], marked, self._limits)
 
         depth = chunk["penetration"]
         millimetres = 1e3 * depth.values[:, 0]
@@ -292,18 +293,18 @@ class RunEvents:
         """Return texts about the worst joints, by the words of their faults."""
         details = {}
         for flag, (excess, joint) in self._worst.items():
-            if self._limits is not None and excess > -np.inf:
-                text = f": joint {joint + 1}, at up to {100 * excess:.0f} % of its limit of "
-                text += f"{self._limits.speed[joint]:.3g} rad/s"
-                if flag == StatusFlag.JOINT_WALL:
-                    size = (
-                        f"{abs(excess):.2f}"
-                        if abs(excess) >= 0.01
-                        else "less than 0.01"
-                    )
-                    side = "beyond" if excess >= 0.01 else "from"
-                    text = f": joint {joint + 1}, {size} rad {side} it"
-                details[_JOINT_FAULTS[flag]] = text
+            if self._limits is None or excess == -np.inf:
+                continue
+            if flag == StatusFlag.JOINT_WALL:
+                is_small = abs(excess) < _SMALL
+                size = f"less than {_SMALL}" if is_small else f"{abs(excess):.2f}"
+                text = f"{size} rad {'beyond' if excess >= _SMALL else 'from'} it"
+            else:
+                limit = self._limits.speed[joint]
+                text = (
+                    f"at up to {100 * excess:.0f} % of its limit of {limit:.3g} rad/s"
+                )
+            details[_JOINT_FAULTS[flag]] = f": joint {joint + 1}, {text}"
         return details
 
     @property

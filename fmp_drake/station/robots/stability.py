@@ -13,6 +13,7 @@ from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array
 from fmp_drake.station.robots.robot import Robot
 from fmp_drake.systems import ImpedanceConfig
+from fmp_drake.systems.impedance.joints import JointLimits
 from fmp_drake.systems.interface.arm_model import check_limits, joint_limits
 
 # Greatest delay, relative to the one at which the springs are unstable. Runs of the Panda, the
@@ -113,7 +114,8 @@ def CheckStability(
     check_limits(plant, config.walls.width)
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, np.array(robot.config.posture))
-    _check_weight(robot, context)
+    limits = joint_limits(plant)
+    _check_weight(robot, context, limits)
     M = plant.CalcMassMatrix(context)
     J = plant.CalcJacobianSpatialVelocity(
         context,
@@ -134,7 +136,6 @@ def CheckStability(
                 f"arm oscillate; it may be at most {max(longest, 0.0):.2g} s with this arm "
                 "and stiffness."
             )
-    limits = joint_limits(plant)
     effort = np.minimum(limits.upper_effort, -limits.lower_effort)
     ratios = _ratios(config, M, J, effort)
     if np.max(ratios) < 1:
@@ -158,9 +159,9 @@ def CheckStability(
     )
 
 
-def _check_weight(robot: Robot, context: Context) -> None:
+def _check_weight(robot: Robot, context: Context, limits: JointLimits) -> None:
     """Check that the effort limits are above the torques of the weight in a posture."""
-    plant, limits = robot.plant, joint_limits(robot.plant)
+    plant = robot.plant
     weight = -plant.CalcGravityGeneralizedForces(context)
     effort = np.where(weight > 0, limits.upper_effort, -limits.lower_effort)
     i = int(np.argmax(np.abs(weight) / effort))

@@ -121,8 +121,8 @@ def grid_gaussians(
     """Return a function that gives means (m, n, D) and covariances (m, n D, n D).
 
     Both are those of samples at phases of the grid, whose indices are the argument. The
-    parameters are those of `phase_components`; `steps` (n,) are the increasing times of the samples
-    relative to the reference step.
+    parameters are those of `phase_components`; `steps` (n,) are the increasing times of
+    the samples relative to the reference step.
     """
     cycle, velocity = track.cycle, track.velocity
     d, n_steps, reference_step = cycle.coefficients.shape[1], len(steps), -int(steps[0])
@@ -140,8 +140,7 @@ def grid_gaussians(
     tangents = cycle.values(paths, 1).reshape(len(paths), -1)
 
     def structure(m: slice, spread: Array | float = 0.0) -> Array:
-        prior = noise + spread
-        prior = prior * tangents[m, None]
+        prior = (noise + spread) * tangents[m, None]
         prior *= tangents[m, :, None]
         prior += shift_covariance
         prior += residual.shaped_covariance(paths[m], residual_covariance)
