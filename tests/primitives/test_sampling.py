@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter1d
 
 from fmp_drake.primitives import (
+    Demonstration,
     ExponentialTracker,
     FourierMovementPrimitive,
     LqrTracker,
@@ -141,6 +142,33 @@ def test_choice_draws_out_only_the_scored_channels(
     drawn = np.setdiff1d(np.arange(4), others)
     assert_allclose(far[:, others], near[:, others], atol=1e-9)
     assert np.all(np.max(np.abs(far - near), axis=0)[drawn] > 0.003)
+
+
+@pytest.mark.parametrize("noise", [0.0001, 0.001])
+def test_choice_does_not_draw_out_the_noise_of_a_recording(noise):
+    time = np.arange(0.0, 12.0, 0.05)
+    angle = 2 * np.pi * time / 4 + 0.1 * np.sin(time)
+    circle = 0.08 * np.column_stack([np.cos(angle), np.sin(angle)])
+    circle += np.random.default_rng(0).normal(scale=noise, size=circle.shape)
+    skill = FourierMovementPrimitive(model="phase").fit(
+        Demonstration(time=time, values=circle, channels=("x", "y"), units=("m", "m"))
+    )
+    player = Player(skill, sample=True)
+
+    def score(values):  # The farther out the better.
+        return np.max(player.region.distance(values), axis=1)
+
+    def acceleration(values):
+        return np.sqrt(np.mean(np.diff(values, n=2, axis=0) ** 2))
+
+    state, ratios = player.start(skill.paths_[0][0]), []
+    for _ in range(6):
+        state = player.track_sample(state, count=48, score=score)
+        played, _ = player.plan(state, player.ticks_between_remaps)
+        ratios.append(acceleration(played) / acceleration(skill.paths_[0]))
+        seconds = player.ticks_between_remaps * player.tick_seconds
+        state = player.advance(state, seconds)
+    assert max(ratios) < 2
 
 
 def force_and_angle(wiping_demonstration):

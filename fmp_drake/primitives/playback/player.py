@@ -20,7 +20,11 @@ from fmp_drake.numeric import (
 from fmp_drake.primitives.model.basis import closing_samples
 from fmp_drake.primitives.model.mapping import MappingPlan
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
-from fmp_drake.primitives.model.region import DemonstratedRegion, automatic_margin
+from fmp_drake.primitives.model.region import (
+    DemonstratedRegion,
+    automatic_margin,
+    drawn_out,
+)
 from fmp_drake.primitives.model.trajectory_mixture import check_skill
 from fmp_drake.primitives.playback.motion import (
     Motion,
@@ -47,10 +51,6 @@ _BLENDS = 5.0
 _ROUNDING = 1e-6
 # Samples at the end of a window whose velocity amplifies noise.
 _NOISY = 3
-# Largest factor on the distance of a sample from the mean, or, with a phase model, from
-# the cycle. Chosen on the bundled wiping: with 3, an eraser that follows exactly also
-# cleans polishing and the 8 sooner than with 1.5 or 2; 4 and 6 are no better.
-_WIDENING = {"mixture": 1.5, "phase": 3.0}
 # Greatest number of samples that are tried until a movement stays in the region.
 _TRIES = 8
 # Number of phases that are compared with a motion, their greatest distance from the
@@ -379,7 +379,8 @@ class Player:
         movement out. With a score, the `scored` channels of samples are also moved away
         from the mean, as far as the region allows, because the best samples often lie at
         its boundary: by up to 1.5 times their difference from the mean, or 3 times that
-        from the cycle of a phase model.
+        from the cycle of a phase model. Where this difference would accelerate more than the
+        movement, only its slow part is enlarged, not the noise of the recordings.
 
         Parameters
         ----------
@@ -415,12 +416,6 @@ class Player:
         centre, deviation = skill.draw(state.component, rng, count, past=past)
         if region is None and score is None:
             return self._tracking(state, centre[0] + deviation[0])
-        if region is not None and score is not None:
-            if scored is None:
-                scored = [i for i, unit in enumerate(skill.units_) if unit == "m"]
-            factors = np.ones(skill.n_channels_)
-            factors[list(scored)] = _WIDENING[skill.model_]
-            deviation *= np.repeat(factors, skill.n_steps)
         if skill.phase_model_ is not None:
             # The last candidate is the expected window, which was checked to stay inside.
             expected = skill.expected(state.component, past)
@@ -429,7 +424,14 @@ class Player:
         steady, values = self._next_values(state, centre, deviation)
         # Up to the next re-mapping.
         ticks = skill.overlap - 1 + self.ticks_between_remaps - state.step
-        steady, values = steady[..., :ticks, :], values[:, :ticks]
+        steady = steady[..., :ticks, :]
+        if region is not None and score is not None:
+            if scored is None:
+                scored = [i for i, unit in enumerate(skill.units_) if unit == "m"]
+            near = values[:, :ticks]
+            deviation = drawn_out(skill, deviation, steady, near, channels=scored)
+            values = self._next_values(state, centre, deviation)[1]
+        values = values[:, :ticks]
         if region is not None:
             parts = region.largest_channel_fractions(steady, values)
             deviation *= np.repeat(parts, skill.n_steps, axis=1)
