@@ -114,7 +114,9 @@ def draw_skill(
             else:
                 ax.remove()
         draw_rollout_in_plane(player, start, demonstrations=learned, ax=axes[1, 3])
-        same_limits([*axes[0, int(is_cut) :], *axes[1, :component_count]])
+        # Wide tubes of few cycles would make the paths too small to be seen.
+        same_limits(axes[0, int(is_cut) :])
+        same_limits(axes[1, :component_count])
         top.supxlabel(_TUBE, fontsize="small")
     else:
         a, b = top.subplots(2, 1)

@@ -706,6 +706,20 @@ class TestPages:
         assert len(tops) == 9
         assert sum(top > 0.4 for top in tops) == 1
 
+    def test_wide_tubes_do_not_make_the_learned_paths_small(self):
+        time = np.arange(0, 9.6, 0.05)
+        phase = 2 * np.pi * time / 4.8 + 0.1 * np.sin(time)
+        path = 0.07 * np.column_stack([np.sin(phase), np.sin(4 * phase)])
+        path += np.random.default_rng(0).normal(scale=5e-4, size=path.shape)
+        recording = Demonstration(time=time, values=path)
+        skill = FourierMovementPrimitive(model="phase").fit(recording)
+        figure = draw_skill(skill, recording)
+        in_plane = [ax for ax in figure.axes if ax.get_xlabel()[:1] == "y"]
+        widths = [float(np.ptp(ax.get_xlim())) for ax in in_plane]
+        # Demonstrations, samples and two pictures of what is visited.
+        assert max(np.abs(widths[:4])) < 0.3
+        assert max(np.abs(widths)) > 0.5
+
     def test_a_skill_of_one_component_leaves_places_empty(self, shown):
         skill = FourierMovementPrimitive(
             n_steps=24, rate=10.0, overlap=4, n_components=1, stride=3
