@@ -21,6 +21,7 @@ from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives import find_rhythm, read_demonstrations
 from fmp_drake.primitives.data.reading.parts import is_part
 from fmp_drake.skills.description import board_part, describe_recording
+from fmp_drake.skills.loading import options_for_left_out
 from fmp_drake.skills.placement import common_placement
 from fmp_drake.station import Scenario
 
@@ -74,6 +75,8 @@ def inspect(
         parts.append(on_board[0])
         lines = describe_recording(demonstration, on_board=on_board, **vars(rhythm))
         conclusions.append(lines[-1])
+        if options := options_for_left_out(file, demonstration, reading):
+            lines.insert(-1, f"to learn more of it: --surface fitted {options}")
         for line in lines:
             console.print(f"  {line}", soft_wrap=True)
         recordings.append(demonstration)

@@ -118,6 +118,16 @@ def _is_placed(demonstration: Demonstration) -> bool:
     return demonstration.frame == "board" or not has_position
 
 
+def options_for_left_out(
+    path: Path, recording: Demonstration, reading: ReadingOptions
+) -> str:
+    """Return the options that learn arrays which a recording of a file lacks, or ""."""
+    if _is_placed(recording) or extra_options(recording):
+        return ""
+    whole = _with_all_arrays(path, 1.0, reading)
+    return extra_options(whole[0]) if whole else ""
+
+
 def _with_all_arrays(
     path: Path, stretch: float, reading: ReadingOptions | None
 ) -> list[Demonstration]:

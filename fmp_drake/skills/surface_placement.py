@@ -477,10 +477,10 @@ def _flatten(vectors: Array, touching: Mask, scenario: Scenario) -> tuple[float,
     degrees = np.degrees(np.percentile(np.linalg.norm(tilt, axis=1), 95))
     remark = (
         f"the tool tilts by up to {count_text(round(degrees), 'degree')} while it touches (95 % "
-        "of the time)"
+        "of the time), from its mean orientation, at which the eraser is flat"
     )
     if scale < 1:
-        remark += f", scaled to {100 * scale:.0f} % of it, the limit of the felt"
+        remark += f"; scaled to {100 * scale:.0f} % of it, the limit of the felt"
     if degrees > _LARGE_TILT:
         remark += (
             "; if it never did, the orientation is misread: its columns (--columns) or the "

@@ -29,6 +29,17 @@ def test_five_lines_and_a_picture_describe_a_recording(command, make_npz, output
     assert np.ptp(matplotlib.image.imread(plot)[..., :3]) > 0.5
 
 
+def test_options_for_arrays_that_are_left_out_are_named(command, make_npz):
+    time = np.arange(0, 20, 0.05)
+    path = 0.1 * np.column_stack([np.cos(2 * time), np.sin(2 * time), 0 * time])
+    arrays = {"time": time, "position": path, "force": np.full((len(time), 3), 4.0)}
+    out = command("inspect", make_npz("forces.npz", **arrays)).out
+    assert "force left out" in out
+    assert "\n  to learn more of it: --surface fitted --extra force\n" in out
+    del arrays["force"]
+    assert "to learn more" not in command("inspect", make_npz("bare.npz", **arrays)).out
+
+
 def test_cycles_of_several_recordings_are_those_of_their_paths(command, tmp_path):
     paths = []
     for name, slope in (("a.csv", 1.0), ("b.csv", 3.0)):
