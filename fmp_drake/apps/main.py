@@ -106,7 +106,7 @@ def _usage_hint(error: "click.ClickException") -> str:
         if suffix and {"demonstrations", "scenario"} <= names:
             option = "--skill" if suffix == ".npz" else "--demo"
             return f"; did you mean {option} {surplus[1]}?"
-    end = "" if message.endswith((".", "?)")) else "."
+    end = "" if message.endswith((".", "?", "?)")) else "."
     return f"{end} See {context.command_path} -h."
 
 

@@ -82,6 +82,9 @@ def test_wrong_call_is_refused_with_the_commands_or_where_the_help_is(refused):
     message = refused("wip")
     assert all(name in message for name in ("wipe", "teach", "inspect"))
     assert refused("learn").endswith(" See fmp-drake learn -h.\n")
+    assert refused("inspect", "a.csv", "--help-all").endswith(
+        "Did you mean '--help'? See fmp-drake inspect -h.\n"
+    )
     extra = refused("record", "eight.npz", "--out", "a.npz")
     assert extra.endswith("(eight.npz). See fmp-drake record -h.\n")
 
