@@ -332,7 +332,7 @@ def _set_board(
     x, y, z = board.translation
     remarks = []
     if fit.shape != "plane":
-        board.radius = scale * fit.radius
+        board.radius = float(scale * fit.radius)
         board.translation = [x, y, z + _RAISED.get(fit.shape, 0.0)]
         remarks = _adapt_eraser(scenario)
         edges = np.array(scenario.board_footprint()) + BORDER

@@ -1,10 +1,11 @@
 """Facts about surfaces fitted to recordings, and poses and forces placed on them."""
 
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+import yaml
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
@@ -576,6 +577,13 @@ def test_friction_of_a_force_displaces_the_tool_by_3_mm_at_most(factor):
     # As before, at most 150 N where the tool is far from its target.
     assert x * scenario.impedance.max_translation_error == pytest.approx(150, rel=0.01)
     assert (x > 1500) == (factor > 0.1)
+
+
+def test_the_fitted_board_can_be_written_as_yaml():
+    scenario = Scenario()
+    place_on_fitted_surface([posed("dome")[0]], scenario=scenario)
+    board = yaml.safe_load(yaml.safe_dump(asdict(scenario.board)))
+    assert board["radius"] == scenario.board.radius
 
 
 def test_tilt_is_scaled_to_the_limit_of_the_felt():
