@@ -722,6 +722,17 @@ def test_a_recording_that_ends_where_it_begins_is_one_cycle(turns, end):
     assert found.describe()[0].startswith("1 cycle of 2.")
 
 
+@pytest.mark.parametrize("turns", [2.1, 2.5, 3.1])
+@pytest.mark.parametrize("noise", [0.1, 0.15])
+def test_noise_does_not_make_two_turns_one_cycle(turns, noise):
+    turn = 2 * np.pi * np.arange(round(88 * turns)) / 88
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    circle += noise * np.random.default_rng(0).standard_normal(circle.shape)
+    found = find_rhythm(demonstration(0.1 * circle))
+    assert found.cycles == pytest.approx(turns, abs=0.1)
+    assert found.period == pytest.approx(88 / RATE, rel=0.02)
+
+
 def test_pauses_at_the_ends_of_one_closed_cycle_are_left_out():
     (recording,) = cycles_apart(1)
     found = find_rhythm(recording)

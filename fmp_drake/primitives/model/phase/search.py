@@ -68,6 +68,8 @@ _SAME, _SIMILAR, _NEAR = 0.05, 0.15, 0.25
 # the same one where there are more cycles. Lifts stay where their cutting makes the misfit
 # greater than this, relative to that without pauses alone. Smaller misfits do not differ.
 _WITHOUT_PAUSES, _MORE_CYCLES, _WITHOUT_LIFTS, _EXACT = 2.0, 0.5, 1.5, 1e-3
+# Least number of cycles in noise that hides the similarity of samples.
+_TWO_CYCLES = 1.9
 # Least duration of another movement, in periods.
 _LEAST_OTHER = 1.5
 # Noise of a channel that the phase ignores: least fraction of its own variance, and of the
@@ -455,7 +457,7 @@ def _best_attempt(
     acceptable = [a for a in attempts if not a.objection(limits)]
     best = min(acceptable, key=Attempt.cost, default=None)
     if not is_known and not (best and best.is_clear):
-        few = _attempt_of_few_cycles(recordings)
+        few = _few_cycles(recordings, attempts)
         # One stroke of a few cycles repeats more often, but less exactly than they do.
         if few and (best is None or _MISFIT_RATIO * few.cost(best) < best.cost(few)):
             acceptable, limits = [few], ALIGNED
@@ -480,21 +482,31 @@ def _best_attempt(
         best = max(comparable, key=lambda attempt: attempt.track.cycles)
     while not is_known and (n := best.track.cycle.repetitions(CLEAR_MISFIT)) > 1:
         attempt = Attempt.of(recordings, best.track.period / n)
-        if (
-            attempt is None
-            or attempt.objection(limits)
-            or attempt.track.unexplained > CLEAR_MISFIT
-        ):
+        if attempt is None or attempt.objection(limits):
+            break
+        # Noise remains unexplained by both.
+        most = max(CLEAR_MISFIT, (1 + _SIMILAR) * best.track.unexplained)
+        if attempt.track.unexplained > most:
             break
         best = attempt
     return best, limits
 
 
-def _attempt_of_few_cycles(recordings: Sequence[Array]) -> Attempt | None:
-    """Return the attempt with the period of the best alignment, unless it is refused."""
-    period = aligned_period(recordings)
-    attempt = Attempt.of(recordings, period) if period else None
-    return attempt if attempt and not attempt.objection(ALIGNED) else None
+def _few_cycles(recordings: Sequence[Array], attempts: list[Attempt]) -> Attempt | None:
+    """Return the attempt with the period of the best alignment, unless it is refused.
+
+    Noise hides the similarity of samples. Then it is the first attempt at two cycles or more
+    that leaves only noise unexplained.
+    """
+    if period := aligned_period(recordings):
+        attempts = [a for a in [Attempt.of(recordings, period)] if a]
+    else:
+        variance = np.sum([len(y) * y.var(axis=0) for y in recordings], axis=0)
+        noise = noise_fractions(recordings) @ variance / max(variance.sum(), 1e-300)
+        most = CLEAR_MISFIT + noise if noise > CLEAR_MISFIT else 0.0
+        attempts = [a for a in attempts if a.track.unexplained < most]
+        attempts = [a for a in attempts if a.track.cycles > _TWO_CYCLES]
+    return next((a for a in attempts if not a.objection(ALIGNED)), None)
 
 
 def _attempts(
