@@ -230,6 +230,41 @@ def sensors_in_turn_without_a_choice(folder):
     return numbered_sensors_in_turn(folder)._replace(options={})
 
 
+def _landmarks_of_hands():
+    """Return the rows of 21 landmarks of two hands, of which one is on the path."""
+    return [
+        {"hand": hand, "landmark": k, "t": t, **dict(zip("xyz", place, strict=True))}
+        for t, point in zip(TIME.tolist(), PATH, strict=True)
+        for i, hand in enumerate(("Left", "Right"))
+        for k in range(21)
+        for place in [(point + 0.02 * (k - 8) + 0.4 * i).tolist()]
+    ]
+
+
+def landmarks_of_hands(folder):
+    rows = _landmarks_of_hands()
+    columns = zip(*(row.values() for row in rows), strict=True)
+    text = lines(*columns, header=",".join(rows[0]))
+    return write(folder, text, topic="Left,8")
+
+
+def json_of_landmarks_of_hands(folder):
+    text = "\n".join(map(json.dumps, _landmarks_of_hands()))
+    return write(folder, text, "d.jsonl", topic="8,Left")
+
+
+def landmarks_without_a_choice(folder):
+    return landmarks_of_hands(folder)._replace(options={})
+
+
+def landmarks_of_both_hands(folder):
+    return landmarks_of_hands(folder)._replace(options={"topic": "8"})
+
+
+def json_of_landmarks_of_both_hands(folder):
+    return json_of_landmarks_of_hands(folder)._replace(options={"topic": "8"})
+
+
 def rostopic_echo_in_yaml(folder):
     """Messages as ROS prints them, one that was lost, and one that was cut off."""
     messages = [
@@ -518,6 +553,20 @@ def units_in_words(folder):
 
 def header_of_numbers(folder):
     return write(folder, xyz(header="0,1,2,3"))
+
+
+def header_of_a_time_and_numbers(folder):
+    return write(folder, xyz(header="time,0,1,2"))
+
+
+def header_of_a_time_in_milliseconds_and_numbers(folder):
+    time = np.round(1e3 * TIME)
+    return write(folder, xyz(time, header="t [ms];1;2;3", delimiter=";"))
+
+
+def index_of_pandas_above_numbers(folder):
+    text = lines(range(len(TIME)), TIME, *PATH.T, header=",0,1,2,3")
+    return write(folder, text)
 
 
 def measured_and_commanded(folder):
@@ -1037,6 +1086,11 @@ def empty_array(folder):
 
 def pickled(folder):
     (folder / "d.pkl").write_bytes(pickle.dumps(PATH))
+    return Written(folder / "d.pkl")
+
+
+def pickled_as_text(folder):
+    (folder / "d.pkl").write_bytes(pickle.dumps(PATH.tolist(), protocol=0))
     return Written(folder / "d.pkl")
 
 
@@ -1589,6 +1643,12 @@ def unknown_column(folder):
 
 def repeated_names(folder):
     return write(folder, xyz(header="time,a,a,a"))
+
+
+def column_twice(folder):
+    """A program that writes a column of zeros twice, before and after the path."""
+    zeros, header = 0 * TIME, "time,current,x,y,z,current"
+    return write(folder, lines(TIME, zeros, *PATH.T, zeros, header=header))
 
 
 def no_quaternions(folder):

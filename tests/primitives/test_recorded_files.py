@@ -64,6 +64,8 @@ POSITIONS = (
     files.qualisys,
     files.hands_in_turn,
     files.numbered_sensors_in_turn,
+    files.landmarks_of_hands,
+    files.json_of_landmarks_of_hands,
     files.hdf5_of_matlab_7_3,
     files.hdf5_of_two_arms,
     files.hdf5_with_the_clock_of_a_camera,
@@ -137,6 +139,9 @@ POSITIONS = (
     files.points_between_thousands,
     files.units_in_words,
     files.header_of_numbers,
+    files.header_of_a_time_and_numbers,
+    files.header_of_a_time_in_milliseconds_and_numbers,
+    files.index_of_pandas_above_numbers,
     files.measured_and_commanded,
     files.positions_by_number,
     files.sheet_after_notes,
@@ -190,9 +195,12 @@ REFUSED = {
     ): r"a BVH file, of joint angles .*csv",
     files.bytes_of("d.xlsx", b"PK\x03\x04"): r"not a readable Excel file .*as \.csv",
     files.unknown_column: r"no column 'px' for x; the columns are time, x, y, z",
-    files.repeated_names: r"names of columns repeat: .* time, a, a, a",
+    files.repeated_names: r"names of columns repeat: a \(2, 3, 4\); .* time, a, a, a",
     files.no_quaternions: r"not unit quaternions \(lengths from 5 to 5\)",
     files.sensors_in_turn_without_a_choice: "sensor_id alternates: .* among 3, 7: --topic 3",
+    files.landmarks_without_a_choice: "landmark alternates: .* 19, 20: --topic 0$",
+    files.landmarks_of_both_hands: "hand alternates: .* among 8,Left, 8,Right: --topic 8,Left$",
+    files.json_of_landmarks_of_both_hands: "hand alternates: .* --topic 8,Left$",
     files.yaml_of_joints: "holds neither objects nor lists of numbers",
     files.yaml_with_aliases: "YAML with aliases; write JSON",
     files.deep_yaml: "more than 100 levels",
@@ -202,6 +210,7 @@ REFUSED = {
     files.windows: r"the array \(5, 3, 3, 120\).* expected .* \(N, D\)",
     files.objects: r"Python objects, which may run code; save an array",
     files.pickled: r"a Python pickle, which may run code; a demonstration is",
+    files.pickled_as_text: r"a Python pickle, which may run code; a demonstration is",
     files.excel: r"not a readable Excel file .*; save it as \.csv",
     files.hollow_archive: r"unpacked it takes 288 MB; at most 256 MB",
     files.boasting_archive: r"shorter than its shape",
@@ -1110,6 +1119,114 @@ def test_other_pairs_of_columns_are_no_path_in_the_plane(header, channels, tmp_p
     text = files.lines(files.TIME, *columns, header=f"time,{header}")
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert found.channels[:2] == channels
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [
+        ("meters", 1.0),
+        ("millimeters", 1e-3),
+        ("in_centimetres", 0.01),
+        ("inch", 0.0254),
+    ],
+)
+def test_a_name_may_end_with_a_unit_in_full(unit, factor, tmp_path):
+    header = ",".join(f"{axis}_{unit}" for axis in "xyz")
+    text = files.xyz(path=files.PATH / factor, header=f"time_seconds,{header}")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert (found.channels, found.units) == (("x", "y", "z"), ("m", "m", "m"))
+    assert_allclose(found.values, files.PATH, atol=1e-12)
+
+
+def test_an_angle_in_degrees_by_its_name_does_not_jump_by_a_revolution(tmp_path):
+    angle = 350 + 60 * np.sin(2 * files.TIME)
+    text = files.lines(files.TIME, angle % 360, header="time,Angle_Degrees")
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.units == ("rad",)
+    assert np.ptp(found.values) == pytest.approx(np.radians(120), rel=1e-3)
+    assert "unwrapped" in " ".join(remarks)
+
+
+def test_feet_may_be_those_of_a_body(tmp_path):
+    text = files.lines(
+        files.TIME, *files.PATH.T[:2], header="time,left_foot,right_feet"
+    )
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert (found.channels, found.units) == (("left_foot", "right_feet"), ("1", "1"))
+
+
+@pytest.mark.parametrize(
+    "name", ["Gravity.", "Grav", "palm_normal_", "normal_", "direction_", "view_dir_"]
+)
+def test_directions_are_no_positions(name, tmp_path):
+    header = ",".join(f"{name}{axis}" for axis in "xyz")
+    text = files.lines(
+        files.TIME,
+        *files.PATH.T,
+        *files.PATH.T,
+        header=f"t,{header},hand_x,hand_y,hand_z",
+    )
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels[3:] == ("x", "y", "z")
+    assert not remarks
+    text = files.xyz(header=f"t,{header}")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.units == ("1", "1", "1")
+
+
+@pytest.mark.parametrize("name", ["Sequence", "frame_id", "camera_frame_id", "seq"])
+def test_a_counter_that_leaves_out_numbers_is_no_channel(name, tmp_path):
+    count = np.arange(len(files.TIME)) * 3 // 2
+    text = files.lines(count, files.TIME, *files.PATH.T, header=f"{name},t,x,y,z")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z")
+
+
+def test_poses_without_names_and_times_are_refused_with_the_columns_of_the_file(
+    tmp_path,
+):
+    text = files.lines(*files.PATH.T, *files.QUATERNIONS.T)
+    match = (
+        r"no column holds the time; the 7 columns have no names; .*--sample-rate 100$"
+    )
+    with pytest.raises(FmpError, match=match):
+        read_demonstrations([files.write(tmp_path, text).path])
+
+
+@pytest.mark.parametrize("first", ["2023-01-01 10:00:00", "0.5", "a"])
+def test_a_first_row_of_small_numbers_is_no_header(first, tmp_path):
+    rows = [f"{first},{i},{i + 1},{i + 2}" for i in range(40)]
+    file = files.write(tmp_path, "\n".join(rows) + "\n").path
+    options = ReadingOptions.parse("x=2,y=3,z=4", sample_rate=50)
+    (found,), _ = read_demonstrations([file], options)
+    assert_allclose(found.values, np.arange(40)[:, None] + [0, 1, 2])
+
+
+def test_a_column_twice_is_read_once(tmp_path):
+    file = files.column_twice(tmp_path)
+    (found,), remarks = read_demonstrations([file.path])
+    assert found.channels == ("current", "x", "y", "z")
+    assert "current repeated: read once" in " ".join(remarks)
+    options = ReadingOptions.parse("time=1,x=3,y=4,z=5,again=6")
+    (found,), _ = read_demonstrations([file.path], options)
+    assert found.channels == ("x", "y", "z", "again")
+
+
+def test_points_of_a_trajectory_without_names_are_joints(tmp_path):
+    points = [
+        {
+            "positions": angles.tolist(),
+            "velocities": [0.0] * 7,
+            "time_from_start": [int(t), round(t % 1 * 1e9)],
+        }
+        for t, angles in zip(files.TIME.tolist(), files.JOINTS, strict=True)
+    ]
+    text = json.dumps({"trajectory": points})
+    (found,), _ = read_demonstrations([files.write(tmp_path, text, "d.json").path])
+    assert found.channels == tuple(f"joint_{i}" for i in range(1, 8))
+    assert found.units == ("rad",) * 7
+    assert_allclose(found.time, files.TIME, atol=1e-9)
+    assert_allclose(found.values, files.JOINTS, atol=1e-12)
 
 
 def test_rows_of_several_points_of_a_body_are_not_mixed(tmp_path):

@@ -14,25 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillFileError
-from fmp_drake.numeric import Mask
 from fmp_drake.primitives.data.channels import listed
 from fmp_drake.primitives.data.files import FileFormat, read_npz
 from fmp_drake.primitives.data.reading.columns import ANGLE, NO_MEASURED_ANGLES
 from fmp_drake.primitives.data.reading.groups import are_orthonormal
 from fmp_drake.primitives.data.reading.table import (
     MOST_BYTES,
+    SOURCE_NAME,
     TIME_NAME,
     ReadingOptions,
     Table,
     check_size,
     column_key,
     readable,
+    rows_of_sources,
     topic_choice,
 )
 from fmp_drake.primitives.data.reading.text import (
-    SOURCE_NAME,
     number_in,
-    rows_of_one,
     table_of_lines,
 )
 
@@ -255,21 +254,24 @@ def table_of(
     names, parts, omissions, remarks = [], [], [], []
     words: dict[str, str] = {}
     place, angles, joints = _joint_names(arrays, count)
-    chosen: Mask | None = None
+    sources = {
+        i: (name, labels)
+        for i, (name, array) in enumerate(arrays.items())
+        if array.shape == (count,) and (labels := _sources(name, array))
+    }
+    chosen, topics = rows_of_sources(path, sources, count, topic)
+    remarks += [
+        f"only rows with {label} as {sources[i][0]}" for i, label in topics.items()
+    ]
     if rate is None and not any(map(_is_time, arrays)):
         rate = rate_in({n.rsplit(".", 1)[-1]: array for n, array in arrays.items()})
         remarks += [f"at {rate:g} Hz, as the file says"] if rate else []
-    for name, array in arrays.items():
-        if array.ndim == 0 or name == place:  # A setting, or names.
+    for i, (name, array) in enumerate(arrays.items()):
+        if array.ndim == 0 or name == place or i in topics:  # A setting, or names.
             continue
-        if chosen is None and array.shape == (count,):
-            chosen = rows_of_one(path, name, _sources(name, array), topic)
-            if chosen is not None:
-                remarks.append(f"only rows with {topic} as {name}")
-                continue
         is_table = array.ndim == 2 and len(array) == count and array.dtype.kind in "OU"
         if is_table and _is_of(name, _JOINT_NAMES) and np.all(array == array[0]):
-            words |= {f"{name}_{i}": str(word) for i, word in enumerate(array[0], 1)}
+            words |= {f"{name}_{k}": str(word) for k, word in enumerate(array[0], 1)}
             continue
         is_numbers = array.dtype.kind in "biufmM"
         if array.ndim not in (1, 2) or len(array) != count or not is_numbers:
@@ -287,7 +289,7 @@ def table_of(
             continue
         if name == angles:  # Numbered as the velocities beside it.
             stem = name.removesuffix("position")
-            words |= {f"{stem}name_{i}": word for i, word in enumerate(joints, 1)}
+            words |= {f"{stem}name_{k}": word for k, word in enumerate(joints, 1)}
         is_named = f"{name[: name.rfind('.') + 1]}name_1" in words  # Joints.
         is_place = width == 3 and not is_named
         axes: Sequence[Any] = "xyz" if is_place else range(1, width + 1)
@@ -306,7 +308,7 @@ def table_of(
         remarks.append(f"{listed(omissions)} left out")
     return Table(
         names=tuple(names),
-        values=np.column_stack(parts)[slice(None) if chosen is None else chosen],
+        values=np.column_stack(parts)[chosen],
         units=() if rate is None else ("s",),
         remarks=tuple(remarks),
         words=words,

@@ -41,6 +41,7 @@ from fmp_drake.primitives.data.reading.table import (
     column_key,
     columns_option,
     count_text,
+    repeated_names,
     shown_columns,
     standard_unit,
     suffixed_unit,
@@ -92,10 +93,10 @@ _TORQUE = re.compile(r"(?<![a-z0-9])t(?=_?[xyz]$)")
 # What differs between the names of two arms' columns.
 _SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
 NO_POSITION = re.compile(
-    r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
+    r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular|grav"
     r"|speed|jerk|(^|_)[a-z]_dot|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
     r"|(^|_)(f|v|a|w|r|q|m|d|omega|theta|tau|ori|err|error|f_?tool|f_tip)$|^(q|v|a|w|b)_"
-    r"|(^|_)((net)?fts?\d*|gyr|imu|joy(stick)?)(_|$)"
+    r"|(^|_)((net)?fts?\d*|gyr|imu|joy(stick)?)(_|$)|(^|_)(normals?|directions?|dir)$"
 )
 """Words in the names of axes that are not positions."""
 # Words in the names of a tool's position.
@@ -154,7 +155,7 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
         )
         for i, (name, unit) in enumerate(zip(names, units, strict=True))
     ]
-    listed = shown_columns(tuple(names), numbers)
+    listed = shown_columns(table.names, table.numbers)
     stamp, time_columns = time_column(columns, options, listed, remarks)
     unread = group_sources | time_columns
     others = [c for c in columns if c.number not in unread and not c.is_counter]
@@ -405,10 +406,7 @@ def _channels(
         remarks.append(_choice("arms", joints, names_of_joints, chosen))
     channels = {labels[column.number]: column for column in columns}
     if len(channels) < len(columns):
-        raise SkillFileError(
-            f"names of columns repeat: {listed}. "
-            "Choose by their numbers from 1, such as --columns time=1,x=2"
-        )
+        raise SkillFileError(repeated_names(columns, listed))
     return channels
 
 

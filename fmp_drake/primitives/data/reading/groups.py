@@ -40,7 +40,7 @@ _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
 # LeRobot: a pose, and a gripper or forces.
 _STATE = re.compile(r"(.*_)?state")
 _JOINT_STATE = re.compile(r"(.*)_position")
-_RATES_OF_JOINTS = ("velocity", "effort")
+_RATES_OF_JOINTS = ("velocity", "velocities", "accelerations", "effort")
 # Greatest error of a quaternion's length, where the name does not say that it is a
 # quaternion, where the elements have its names, and where the name says so.
 _EXACT, _CLOSE, _STATED = 1e-3, 1e-2, 0.1
@@ -97,8 +97,10 @@ def column_groups(
             count, sources = 7, sources[:7]
         stem = prefix if prefix in matrices else prefix.removesuffix("position")
         are_joints = count > 3 or f"{stem}name_1" in table.words
+        if any("time_from_start" in key for key in keys):  # Of a trajectory in ROS.
+            stem = stem.removesuffix("positions")
         if stem != prefix and are_joints and not _CARTESIAN.fullmatch(stem):
-            yield _numbered_joints(table, stem, numbered, values)
+            yield _numbered_joints(table, stem, members, numbered, values)
             continue
         # Coordinates of six markers, or a header with other units than Doosan's.
         is_other = f"{prefix[:-1]}y" in numbered or any(table.units[i] for i in sources)
@@ -150,10 +152,16 @@ def _matrices(keys: Sequence[str]) -> dict[str, dict[int, int]]:
 
 
 def _numbered_joints(
-    table: Table, stem: str, numbered: Mapping[str, Mapping[int, int]], values: Array
+    table: Table,
+    stem: str,
+    members: Mapping[int, int],
+    numbered: Mapping[str, Mapping[int, int]],
+    values: Array,
 ) -> Group:
-    """Return the joint angles in `position_0` and so on, whose names may be in `name_0`."""
-    members = numbered[f"{stem}position"]
+    """Return the joint angles in `position_0` and so on, whose names may be in `name_0`.
+
+    `members` are their columns by number.
+    """
     words = {re.sub(r"\W+|_+", "", n.lower()): w for n, w in table.words.items()}
     place = f"{stem}name".replace("_", "")
     labels = [words.get(f"{place}{n}", "") for n in sorted(members)]

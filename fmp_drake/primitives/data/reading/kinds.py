@@ -22,6 +22,7 @@ from fmp_drake.primitives.data.reading.table import (
     Table,
     check_size,
     readable,
+    without_copies,
 )
 
 # A reader returns one table for each recording in a file.
@@ -48,7 +49,8 @@ def read_tables(path: Path, options: ReadingOptions) -> list[Table]:
             first = stream.read(4096).removeprefix(_BOM)
     except OSError as error:
         raise SkillFileError(f"cannot read {path}: {error.strerror}.") from None
-    return _reader_of_file(path, first)(path, options)
+    tables = _reader_of_file(path, first)(path, options)
+    return tables if options.columns else [without_copies(t) for t in tables]
 
 
 def _reader_of_folder(path: Path) -> _Reader:
@@ -175,7 +177,10 @@ _ALTERNATIVES = (
 # Formats that are not supported, by bytes at an offset in the file, and advice.
 _REFUSED = {
     (4, b"ftyp"): "a film" + _ALTERNATIVES,
-    (0, b"\x80"): "a Python pickle, which may run code" + _ALTERNATIVES,
+    **dict.fromkeys(
+        ((0, b"\x80"), (0, b"(lp"), (0, b"(dp"), (0, b"ccopy_reg"), (0, b"cnumpy")),
+        "a Python pickle, which may run code" + _ALTERNATIVES,
+    ),
     (0, b"\xd0\xcf\x11\xe0"): "an old Excel file; convert it: "
     "soffice --convert-to csv {path}",
     (257, b"ustar"): "an archive; unpack it and name its files: tar xf {path}",

@@ -4,13 +4,15 @@ import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fmp_drake.errors import FmpError, SkillFileError
-from fmp_drake.numeric import Array, check_number
+from fmp_drake.numeric import Array, Indices, check_number
 from fmp_drake.primitives.data.channels import listed
 
 # Greatest size of a recording, bytes of numbers or of text.
@@ -46,19 +48,31 @@ SYMBOLS = {
     **dict.fromkeys(("newtons", "newton"), "N"),
 }
 """Symbols of units of length, angle and force that headers spell out."""
-# `fx_ft` is of a force-torque sensor.
+# `fx_ft` is of a force-torque sensor, `left_foot` a body.
 _SUFFIXES = "|".join(
-    sorted({*TIMES, *LENGTHS, *ANGLES} - {"ft"}, key=len, reverse=True)
+    sorted(
+        {*TIMES, *LENGTHS, *ANGLES, *SYMBOLS} - {"ft", "foot", "feet"},
+        key=len,
+        reverse=True,
+    )
 )
 _IN_NEWTONS = re.compile(r"((?:.*_)?(?:force(?:_?[xyz])?|f_?[xyz]))_n(?:ewtons?)?")
 # Names of columns that only count, and names with the axis before the word `position`.
 _COUNTER = re.compile(
-    r"|unnamed_0|(.*_)?(index|idx|seq|frame|frame_num(ber)?|(time)?steps?|iter(ation)?|sample"
-    r"|count|counter|row|no|num|id|i|n)"
+    r"|unnamed_0|(.*_)?(index|idx|seq(uence)?|frame|frame_num(ber)?|(time)?steps?"
+    r"|iter(ation)?|sample|count|counter|row|no|num|id|i|n)"
 )
 _AXIS_FIRST = re.compile(
     r"(^|.*_)([xyz])_?(?:pos(?:ition)?|axis|coord(?:inate)?|tcp|eef?|actual)$"
 )
+# Names of columns of numbers that identify a sensor; greatest number of sensors, or least number
+# of rows of each.
+SOURCE_NAME = re.compile(
+    r"((.*[ _])?(device|sensor|source|marker|body|hand|controller|tracker|object|serial|node"
+    r"|landmark|keypoint|person)|joint)([ _]?(id|index|no|number))?",
+    re.IGNORECASE,
+)
+_MOST_SOURCES, _FEWEST_ROWS = 20, 20
 # Names of arrays of times.
 TIME_NAME = re.compile(r"(?:.*[/.])?(time|times|timestamps?|t)")
 
@@ -158,7 +172,54 @@ def topic_choice(names: Sequence[str]) -> str:
     if not names:
         return "there is nothing to choose with --topic"
     example = shlex.quote(names[0])
-    return f"choose with --topic among {', '.join(names)}: --topic {example}"
+    return f"choose with --topic among {listed(names, most=40)}: --topic {example}"
+
+
+def rows_of_sources(
+    path: Path, sources: Mapping[int, tuple[str, Sequence[str]]], count: int, topic: str
+) -> tuple[Indices, dict[int, str]]:
+    """Return the indices of the rows that `topic` names, and its label in each column.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        For errors.
+    sources : mapping from int to (str, sequence of str)
+        Name of a column and its labels, by its number.
+    count : int
+        Number of rows.
+    topic : str
+        Label in one of the columns, or labels of several, separated by commas.
+
+    Raises
+    ------
+    SkillFileError
+        Where labels of the rows alternate.
+    """
+    rows, chosen = np.arange(count), dict[int, str]()
+    columns = {i: np.array(labels) for i, (_, labels) in sources.items()}
+    is_one = any(topic in labels for _, labels in sources.values())
+    for label in [topic] if is_one else topic.split(","):
+        fitting = (i for i in columns if i not in chosen and label in columns[i][rows])
+        if label and (i := next(fitting, None)) is not None:
+            rows, chosen[i] = rows[columns[i][rows] == label], label
+    for i, (name, _) in sources.items():
+        if i not in chosen:
+            _check_one_source(path, name, columns[i][rows], [*chosen.values()])
+    return rows, chosen
+
+
+def _check_one_source(
+    path: Path, name: str, labels: NDArray[Any], chosen: Sequence[str]
+) -> None:
+    """Refuse rows whose labels (n,) alternate; `chosen` are labels of other columns."""
+    kinds = list(dict.fromkeys(labels.tolist()))
+    most = max(_MOST_SOURCES, len(labels) / _FEWEST_ROWS)
+    if 2 <= len(kinds) <= most and np.mean(labels[1:] != labels[:-1]) >= 0.5:
+        choice = topic_choice([",".join([*chosen, kind]) for kind in kinds])
+        raise SkillFileError(
+            f"{path}: {name} alternates: its rows come from several sources; {choice}"
+        )
 
 
 def count_text(count: int, noun: str) -> str:
@@ -181,11 +242,11 @@ def unit_symbol(unit: str) -> str:
 
 
 def suffixed_unit(name: str) -> tuple[str, str]:
-    """Split a name that ends with its unit: `time_ms`, `fx_n`; "" without a unit."""
+    """Split a name that ends with its unit: `time_ms`, `x_meters`; "" without a unit."""
     if match := _IN_NEWTONS.fullmatch(name):
         return match[1], "N"
     match = re.fullmatch(rf"(.+?)_(?:in_)?({_SUFFIXES})", name)
-    return (match[1], match[2]) if match else (name, "")
+    return (match[1], SYMBOLS.get(match[2], match[2])) if match else (name, "")
 
 
 def standard_unit(unit: str) -> tuple[float, str]:
@@ -212,7 +273,7 @@ class ReadingOptions:
         Samples per second (Hz), instead of a time column.
     topic : str
         Topic of a bag, or several (`/pose,/wrench`); feature of a dataset (`action`), or sensor in
-        a table of several.
+        a table of several, by labels of one or more columns (`Left,8`).
     quaternions : {"xyzw", "wxyz"}, optional
         Order of the four numbers of an array whose file does not name them; "xyzw" where
         None. The numbers alone do not tell: either order gives unit quaternions with equal
@@ -313,6 +374,33 @@ def shown_columns(names: tuple[str, ...], numbers: tuple[int, ...]) -> str:
     return f"the columns are {listed(labels, most=20)}"
 
 
+def without_copies(table: Table) -> Table:
+    """Return a table without columns that repeat the name and the values of another."""
+    copies = [
+        i
+        for i, name in enumerate(table.names)
+        if name
+        and name in table.names[:i]
+        and np.array_equal(
+            table.values[:, i],
+            table.values[:, table.names.index(name)],
+            equal_nan=True,
+        )
+    ]
+    if not copies:
+        return table
+    kept = [i for i in range(len(table.names)) if i not in copies]
+    repeated = dict.fromkeys(table.names[i] for i in copies)
+    return replace(
+        table,
+        names=tuple(table.names[i] for i in kept),
+        units=tuple(table.units[i] for i in kept),
+        numbers=tuple(table.numbers[i] for i in kept),
+        values=table.values[:, kept],
+        remarks=(*table.remarks, f"{listed([*repeated])} repeated: read once"),
+    )
+
+
 class Column(NamedTuple):
     """A column of a table, with its number from 0.
 
@@ -353,6 +441,22 @@ class Column(NamedTuple):
             and self.is_increasing
             and np.all(self.values % 1 == 0)
         )
+
+
+def repeated_names(columns: Sequence[Column], shown: str) -> str:
+    """Return the error message for columns with equal names; `shown` lists all of them."""
+    places: dict[str, list[int]] = {}
+    for column in columns:
+        places.setdefault(column.name, []).append(column.place)
+    repeated = [
+        f"{name} ({', '.join(map(str, numbers))})"
+        for name, numbers in places.items()
+        if len(numbers) > 1
+    ]
+    return (
+        f"names of columns repeat: {listed(repeated)}; {shown}. Choose columns by names that do "
+        "not repeat, or by their numbers from 1, such as --columns time=1,x=2"
+    )
 
 
 def column_key(name: str) -> str:

@@ -15,17 +15,18 @@ from typing import NamedTuple
 import numpy as np
 
 from fmp_drake.errors import SkillFileError
-from fmp_drake.numeric import Array, Mask
+from fmp_drake.numeric import Array
 from fmp_drake.primitives.data.reading.table import (
     FORCES,
     MOST_BYTES,
+    SOURCE_NAME,
     SYMBOLS,
     ReadingOptions,
     Table,
     check_size,
     count_text,
     named_unit,
-    topic_choice,
+    rows_of_sources,
     unit_symbol,
 )
 
@@ -59,13 +60,6 @@ _UNIT = re.compile(
     r"[\[(]?(|[numkcd]?s|[munc]?m|in|ft|m?rad|deg|°|N[/ ]?m|-|m/s|rad/s"
     rf"|{'|'.join(FORCES)}|(?i:sec|seconds|{'|'.join(SYMBOLS)}))[\])]?"
 )
-# Names of columns of numbers that identify a sensor, and the greatest number of sensors.
-SOURCE_NAME = re.compile(
-    r"((.*[ _])?(device|sensor|source|marker|body|hand|controller|tracker|object|serial|node"
-    r"|landmark|keypoint|person)|joint)([ _]?(id|index|no|number))?",
-    re.IGNORECASE,
-)
-_MOST_SOURCES = 20
 
 
 class YamlError(SkillFileError):
@@ -116,12 +110,12 @@ def table_of_lines(
     first = split_cells(lines[start], delimiter)
     width = len(first)
     is_first = not any(map(str.strip, lines[:start])) and len(lines) > start + 1
-    if is_first and width > 1 and first == [str(i) for i in range(width)]:
-        start += 1  # Numbers instead of names, as pandas writes them.
-        first = split_cells(lines[start], delimiter)
-        header, units = [""] * width, [""] * width
-    else:
-        header, units = _header(path, lines[:start], delimiter, first)
+    second = split_cells(lines[start + 1], delimiter) if is_first else []
+    if is_numbered := _numbers_columns(first, second):
+        start, first = start + 1, second
+    header, units = _header(path, lines[:start], delimiter, first)
+    if is_numbered:
+        header = ["" if name.isdecimal() else name for name in header]
     labels = [name or f"column {i}" for i, name in enumerate(header, 1)]
     words = [i for i, cell in enumerate(first) if number_in(cell) is None]
     rows = _read_rows(lines, start, delimiter, labels, words)
@@ -148,15 +142,13 @@ def table_of_lines(
         and SOURCE_NAME.fullmatch(name)
         and np.all(values[:, i] % 1 == 0)
     }
-    for i, cells in sources.items():
-        if (chosen := rows_of_one(path, labels[i], cells, topic)) is not None:
-            values = values[chosen]
-            unused.add(i)
-            remarks.append(f"only rows with {topic} as {labels[i]}")
-            break
-    else:
-        if topic:
-            remarks.append(f"no column has {topic} to choose: --topic is not used")
+    named = {i: (labels[i], cells) for i, cells in sources.items()}
+    chosen, topics = rows_of_sources(path, named, len(values), topic)
+    values = values[chosen]
+    unused.update(topics)
+    remarks += [f"only rows with {name} as {labels[i]}" for i, name in topics.items()]
+    if topic and not topics:
+        remarks.append(f"no column has {topic} to choose: --topic is not used")
     columns = [i for i in range(width) if i not in unused.union(words)]
     if len(header) > 1 and (delimiter != "," or rows.has_commas):
         remarks.append(
@@ -175,6 +167,25 @@ def table_of_lines(
         remarks=tuple(remarks),
         words={header[i]: first[i] for i in words},
     )
+
+
+def _numbers_columns(first: list[str], second: list[str]) -> bool:
+    """Return whether the first row of a table numbers its columns, as pandas does.
+
+    Some cells of it, such as that of the time, may be words or empty, above numbers.
+    """
+    numbers = [cell for cell in first if cell.isdecimal()]
+    others = [i for i, cell in enumerate(first) if not cell.isdecimal()]
+    if len(first) != len(second) or len(numbers) < 2:
+        return False
+    counts = [[str(i + k) for i in range(len(numbers))] for k in (0, 1)]
+    are_names = all(
+        (not first[i] or number_in(first[i]) is None)
+        and second[i]
+        and number_in(second[i]) is not None
+        for i in others
+    )
+    return are_names and numbers in counts[: 1 + bool(others)]
 
 
 class _Rows(NamedTuple):
@@ -213,28 +224,6 @@ def _read_rows(
                 known.append(cells[i])
             has_commas = has_commas or (delimiter != "," and "," in line)
     return _Rows(np.array(numbers).reshape(-1, width), found, broken, has_commas)
-
-
-def rows_of_one(
-    path: Path, name: str, labels: Sequence[str], topic: str
-) -> Mask | None:
-    """Return a mask of the rows with the label `topic`, or None where there is none.
-
-    Raises
-    ------
-    SkillFileError
-        Where there is none, but labels alternate.
-    """
-    column = np.array(labels)
-    kinds = list(dict.fromkeys(labels))
-    if topic and topic in kinds:
-        return np.asarray(column == topic)
-    if 2 <= len(kinds) <= _MOST_SOURCES and np.mean(column[1:] != column[:-1]) >= 0.5:
-        raise SkillFileError(
-            f"{path}: {name} alternates: its rows come from several sources; "
-            f"{topic_choice(kinds)}"
-        )
-    return None
 
 
 def _with_samples_in_rows(lines: list[str]) -> list[str]:
