@@ -1202,6 +1202,24 @@ def test_a_first_row_of_small_numbers_is_no_header(first, tmp_path):
     assert_allclose(found.values, np.arange(40)[:, None] + [0, 1, 2])
 
 
+@pytest.mark.parametrize("form", ["{}_t", "mag_{}_uT", "joint_{}_T"])
+def test_a_channel_may_end_with_t(form, tmp_path):
+    names = [form.format(axis) for axis in "xyz"]
+    text = files.xyz(header=f"robot_t,{','.join(names)}")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == tuple(names)
+    assert_allclose(found.time, files.TIME, atol=1e-9)
+
+
+def test_a_second_time_is_no_channel(tmp_path):
+    text = files.lines(
+        files.TIME, files.TIME + 0.01, *files.PATH.T, header="camera.t,arm.t,x,y,z"
+    )
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z")
+    assert "the time is camera.t" in " ".join(remarks)
+
+
 def test_a_column_twice_is_read_once(tmp_path):
     file = files.column_twice(tmp_path)
     (found,), remarks = read_demonstrations([file.path])

@@ -79,6 +79,7 @@ def time_column(
         for form in _TIMES
         for column in columns
         if form.fullmatch(column.key) and (not column.suffix or column.suffix in TIMES)
+        if not column.key.endswith("_t") or _mostly_increases(column)
     ]
     with_unit = [c for c in columns if c.header_unit in TIMES and c.is_increasing]
     candidates = candidates or with_unit
@@ -135,6 +136,11 @@ def _missing_time(
         f"no column holds the time; {listed}"
         f"{beside}. Give the sample rate in Hz, such as --sample-rate 100{advice}"
     )
+
+
+def _mostly_increases(column: Column) -> bool:
+    """Return whether a column increases, unlike `x_t`, or `mag_x_uT`, of a movement."""
+    return bool(np.mean(np.diff(column.values) >= 0) > _MOSTLY)
 
 
 def _is_steady(column: Column) -> bool:
