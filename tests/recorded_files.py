@@ -253,6 +253,39 @@ def json_of_landmarks_of_hands(folder):
     return write(folder, text, "d.jsonl", topic="8,Left")
 
 
+def _points_of_a_hand():
+    """Return the positions (400, 21, 3) of landmarks of a hand, of which 8 is on the path."""
+    return PATH[:, None] + 0.02 * (np.arange(21) - 8)[:, None]
+
+
+def json_of_landmarks_in_frames(folder):
+    frames = [
+        {
+            "timestamp": t,
+            "landmarks": [dict(zip("xyz", p, strict=True)) for p in points],
+        }
+        for t, points in zip(TIME.tolist(), _points_of_a_hand().tolist(), strict=True)
+    ]
+    columns = ",".join(f"{axis}=landmarks.8.{axis}" for axis in "xyz")
+    return write(folder, json.dumps(frames), "d.json", columns=columns)
+
+
+def json_of_arrays_of_landmarks(folder):
+    frames = [
+        {"t": t, "hands": [{"label": "Left", "landmarks": points}]}
+        for t, points in zip(TIME.tolist(), _points_of_a_hand().tolist(), strict=True)
+    ]
+    columns = ",".join(f"{axis}=hands.0.landmarks_8_{axis}" for axis in "xyz")
+    return write(folder, json.dumps({"frames": frames}), "d.json", columns=columns)
+
+
+def npz_of_landmarks(folder):
+    points, turns = _points_of_a_hand(), TURNS.as_matrix()
+    np.savez(folder / "d.npz", timestamps=TIME, landmarks=points, hand_rotation=turns)
+    columns = ",".join(f"{axis}=landmarks_8_{axis}" for axis in "xyz")
+    return Written(folder / "d.npz", {"columns": columns})
+
+
 def landmarks_without_a_choice(folder):
     return landmarks_of_hands(folder)._replace(options={})
 
@@ -562,6 +595,12 @@ def header_of_a_time_and_numbers(folder):
 def header_of_a_time_in_milliseconds_and_numbers(folder):
     time = np.round(1e3 * TIME)
     return write(folder, xyz(time, header="t [ms];1;2;3", delimiter=";"))
+
+
+def list_in_each_line(folder):
+    """Positions as Python prints them."""
+    text = "\n".join(map(str, np.column_stack([TIME, PATH]).tolist()))
+    return write(folder, text, "d.txt")
 
 
 def index_of_pandas_above_numbers(folder):

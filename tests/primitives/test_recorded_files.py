@@ -66,6 +66,9 @@ POSITIONS = (
     files.numbered_sensors_in_turn,
     files.landmarks_of_hands,
     files.json_of_landmarks_of_hands,
+    files.json_of_landmarks_in_frames,
+    files.json_of_arrays_of_landmarks,
+    files.npz_of_landmarks,
     files.hdf5_of_matlab_7_3,
     files.hdf5_of_two_arms,
     files.hdf5_with_the_clock_of_a_camera,
@@ -142,6 +145,7 @@ POSITIONS = (
     files.header_of_a_time_and_numbers,
     files.header_of_a_time_in_milliseconds_and_numbers,
     files.index_of_pandas_above_numbers,
+    files.list_in_each_line,
     files.measured_and_commanded,
     files.positions_by_number,
     files.sheet_after_notes,
@@ -1218,6 +1222,24 @@ def test_a_second_time_is_no_channel(tmp_path):
     (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
     assert found.channels == ("x", "y", "z")
     assert "the time is camera.t" in " ".join(remarks)
+
+
+def test_landmarks_in_frames_are_one_recording_of_several_positions(tmp_path):
+    for make in (files.json_of_landmarks_in_frames, files.npz_of_landmarks):
+        (found,), remarks = read_demonstrations([make(tmp_path).path])
+        assert len(found.time) == len(files.TIME)
+        assert re.search(r"several positions .* --columns x=landmarks.0.x", remarks[-1])
+    (found,), _ = read_demonstrations([files.npz_of_landmarks(tmp_path).path])
+    assert {"rx", "ry", "rz"} <= {*found.channels}
+
+
+def test_recordings_with_the_time_of_their_beginning_are_several(tmp_path):
+    recordings = [
+        {"time": 100.0 * i, "position": files.PATH[i:].tolist()} for i in range(25)
+    ]
+    file = files.write(tmp_path, json.dumps(recordings), "d.json").path
+    found, _ = read_demonstrations([file], ReadingOptions(sample_rate=files.RATE))
+    assert [len(each.time) for each in found] == list(range(400, 375, -1))
 
 
 def test_a_column_twice_is_read_once(tmp_path):

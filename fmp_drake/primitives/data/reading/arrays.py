@@ -7,6 +7,7 @@ import re
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,9 @@ _RATES = ("fps", "rate", "sample_rate", "frequency", "control_freq", "dt")
 # Last words of the names of joint angles, and of the names of the joints.
 _JOINT_ANGLES = re.compile(r"(joint_?)?(positions?|angles?|states?)|q|qpos|joints?")
 _JOINT_NAMES = re.compile(r"(joint_?)?names?")
+# Names of arrays of the coordinates of several points, and the most points.
+_POINTS = re.compile(r"landmark|key_?point|marker|skeleton|hand", re.IGNORECASE)
+_MOST_POINTS = 100
 # Fewest samples of one of several recordings in a file.
 _FEWEST = 20
 
@@ -160,6 +164,22 @@ def _aligned(arrays: Mapping[str, NDArray[Any]], count: int) -> dict[str, NDArra
     return aligned
 
 
+def _of_points(
+    arrays: Mapping[str, NDArray[Any]], count: int
+) -> dict[str, NDArray[Any]]:
+    """Return arrays in which those of several points, (`count`, k, 3), are one for each."""
+    out: dict[str, NDArray[Any]] = {}
+    for name, array in arrays.items():
+        width = array.shape[1] if array.ndim == 3 else 0
+        is_points = array.shape[2:] in ((2,), (3,)) and width <= _MOST_POINTS
+        is_points = is_points and width != array.shape[2]  # No rotations.
+        if is_points and len(array) == count and _POINTS.search(name):
+            out |= {f"{name}_{k}": array[:, k] for k in range(width)}
+        else:
+            out[name] = array
+    return out
+
+
 def _tables_of(
     path: Path, content: Mapping[str, Any], options: ReadingOptions
 ) -> list[Table]:
@@ -189,6 +209,7 @@ def recordings_in(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
             isinstance(value, np.ndarray) and (value.dtype == object or value.ndim == 3)
         )
         is_several = is_listed and len(value) > 1 and all(map(_is_recording, value))
+        is_several = is_several and not _are_samples(value, content)
         (lists if is_several else others)[name] = value
     count = min(map(len, lists.values()), default=0)
     if any(len(value) != count for value in lists.values()):
@@ -206,6 +227,19 @@ def recordings_in(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
         is_one = len(items) == 1 and isinstance(first, Mapping)
         recordings.append({**shared, **(first if is_one else items)})
     return recordings or [content]
+
+
+def _are_samples(items: Any, content: Mapping[str, Any]) -> bool:
+    """Return whether items are samples of many points, such as landmarks, by their times."""
+    if isinstance(items, np.ndarray):
+        sizes = [np.size(value) for name, value in content.items() if _is_time(name)]
+        return items.ndim == 3 and len(items) in sizes and items.shape[1] not in sizes
+    if len(items) < _FEWEST or not all(isinstance(item, Mapping) for item in items):
+        return False
+    times = [[v for name, v in item.items() if _is_time(name)][:1] for item in items]
+    are_numbers = all(t and isinstance(t[0], int | float) for t in times)
+    counts = {tuple(len(v) for v in i.values() if isinstance(v, list)) for i in items}
+    return are_numbers and len(counts) == 1 and all(a < b for a, b in pairwise(times))
 
 
 def _fits_all(times: Any, lists: Mapping[str, Any]) -> bool:
@@ -242,15 +276,16 @@ def table_of(
     """Return a table of arrays (N,) and (N, k) of equal length.
 
     The columns of an array (N, 3) are named `name_x` and so on, those of others `name_1`.
-    Matrices (N, 4, 4) have 16 columns, (N, 3, 4) 12, and rotations (N, 3, 3) 9. Names of
-    joints, (N, k) or (k,), name their columns. Other arrays are left out. A rate (Hz), given
+    Matrices (N, 4, 4) have 16 columns, (N, 3, 4) 12, and rotations (N, 3, 3) 9. Those of
+    landmarks (N, k, 3) are named `name_0_x` and so on. Names of joints, (N, k) or (k,), name
+    their columns. Other arrays are left out. A rate (Hz), given
     or found among the arrays, adds a column of times. Where the rows of several things
     alternate, those of the topic are read. Without `count`, N is found.
     """
     count = _sample_count(arrays) if count is None else count
     if arrays and not count:
         raise SkillFileError(f"{path} holds no samples.")
-    arrays = _aligned(arrays, count)
+    arrays = _aligned(_of_points(arrays, count), count)
     names, parts, omissions, remarks = [], [], [], []
     words: dict[str, str] = {}
     place, angles, joints = _joint_names(arrays, count)

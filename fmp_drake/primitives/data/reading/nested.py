@@ -173,7 +173,7 @@ def _columns(path: Path, content: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
 
 def _object_columns(objects: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
     """Return the arrays over a list of objects, NaN where a value is missing."""
-    rows = [dict(flat_values(item)) for item in objects]
+    rows = [dict(flat_values(_with_numbers(item))) for item in objects]
     counts = Counter(name for row in rows for name in row)
     # A key of each object's own, such as its number, would make the table a square.
     is_empty = counts.total() * _RAREST < len(counts) * len(rows)
@@ -181,6 +181,15 @@ def _object_columns(objects: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
     names = [name for name, count in counts.items() if count >= least]
     columns = {name: _column([row.get(name) for row in rows]) for name in names}
     return {name: column for name, column in columns.items() if column is not None}
+
+
+def _with_numbers(content: Any) -> Any:
+    """Return nested mappings in which lists of objects are mappings by their numbers."""
+    if _is_objects(content):
+        content = {str(k): item for k, item in enumerate(content)}
+    if not isinstance(content, Mapping):
+        return content
+    return {name: _with_numbers(value) for name, value in content.items()}
 
 
 def _column(values: list[Any]) -> NDArray[Any] | None:

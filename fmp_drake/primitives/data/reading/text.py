@@ -296,15 +296,19 @@ def _without_lists(lines: list[str]) -> tuple[list[str], list[int]]:
         return lines, []
     names: list[str] = []
     numbers: list[int] = []
-    for number, (name, match) in enumerate(zip(rows[0], lists, strict=True), 1):
+    cells = list(zip(rows[0], lists, strict=True))
+    has_header = not all(_LIST.fullmatch(cell) for cell, match in cells if match)
+    if len(cells) == 1:
+        delimiter = ","
+    for number, (name, match) in enumerate(cells, 1):
         count = len(_LIST_MARK.split(match[1].strip(" []"))) if match else 1
         names += [f"{name}_{i}" for i in range(count)] if match else [name]
         numbers += [number, *[0] * (count - 1)]
-    body = (
+    body = [
         _LIST.sub(lambda match: _LIST_MARK.sub(delimiter, match[1].strip(" []")), line)
-        for line in lines[1:]
-    )
-    return [delimiter.join(names), *body], numbers
+        for line in lines[has_header:]
+    ]
+    return ([delimiter.join(names), *body], numbers) if has_header else (body, [])
 
 
 def _most_broken(rows: int) -> float:
