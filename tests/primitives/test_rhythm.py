@@ -733,6 +733,25 @@ def test_noise_does_not_make_two_turns_one_cycle(turns, noise):
     assert found.period == pytest.approx(88 / RATE, rel=0.02)
 
 
+@pytest.mark.parametrize("noise", [0.1, 0.15])
+def test_noise_does_not_make_one_lap_of_two_circles_two_turns(noise):
+    turn = 2 * np.pi * np.arange(120) / 120
+    circles = np.column_stack([np.cos(2 * turn), np.sin(2 * turn)])
+    circles += 0.4 * np.column_stack([np.cos(turn), np.sin(turn)])
+    circles += noise * np.random.default_rng(0).standard_normal(circles.shape)
+    assert find_rhythm(demonstration(0.1 * circles)).cycles == 1
+
+
+def test_noise_of_a_path_without_repetition_has_no_rhythm():
+    rng = np.random.default_rng(32)
+    count = rng.integers(100, 400)
+    corner, end = np.cumsum(rng.standard_normal((2, 2)) * [[0.4], [0.3]], axis=0)
+    path = np.vstack([eased(np.zeros(2), corner, count), eased(corner, end, count)])
+    path += 0.06 * rng.standard_normal(path.shape)
+    with pytest.raises(DemonstrationError):
+        find_rhythm(demonstration(path))
+
+
 def test_pauses_at_the_ends_of_one_closed_cycle_are_left_out():
     (recording,) = cycles_apart(1)
     found = find_rhythm(recording)

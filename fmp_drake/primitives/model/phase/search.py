@@ -496,7 +496,7 @@ def _few_cycles(recordings: Sequence[Array], attempts: list[Attempt]) -> Attempt
     """Return the attempt with the period of the best alignment, unless it is refused.
 
     Noise hides the similarity of samples. Then it is the first attempt at two cycles or more
-    that leaves only noise unexplained.
+    about one centre that leaves only noise unexplained.
     """
     if period := aligned_period(recordings):
         attempts = [a for a in [Attempt.of(recordings, period)] if a]
@@ -504,7 +504,7 @@ def _few_cycles(recordings: Sequence[Array], attempts: list[Attempt]) -> Attempt
         variance = np.sum([len(y) * y.var(axis=0) for y in recordings], axis=0)
         noise = noise_fractions(recordings) @ variance / max(variance.sum(), 1e-300)
         most = CLEAR_MISFIT + noise if noise > CLEAR_MISFIT else 0.0
-        attempts = [a for a in attempts if a.track.unexplained < most]
+        attempts = [a for a in attempts if a.track.unexplained + a.track.shifted < most]
         attempts = [a for a in attempts if a.track.cycles > _TWO_CYCLES]
     return next((a for a in attempts if not a.objection(ALIGNED)), None)
 
