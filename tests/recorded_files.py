@@ -294,6 +294,10 @@ def landmarks_of_both_hands(folder):
     return landmarks_of_hands(folder)._replace(options={"topic": "8"})
 
 
+def landmarks_of_an_unknown_label(folder):
+    return landmarks_of_hands(folder)._replace(options={"topic": "8,Left,99"})
+
+
 def json_of_landmarks_of_both_hands(folder):
     return json_of_landmarks_of_hands(folder)._replace(options={"topic": "8"})
 

@@ -205,6 +205,7 @@ REFUSED = {
     files.landmarks_without_a_choice: "landmark alternates: .* 19, 20: --topic 0$",
     files.landmarks_of_both_hands: "hand alternates: .* among 8,Left, 8,Right: --topic 8,Left$",
     files.json_of_landmarks_of_both_hands: "hand alternates: .* --topic 8,Left$",
+    files.landmarks_of_an_unknown_label: "no column has 99 to choose; .* --topic 8,Left$",
     files.yaml_of_joints: "holds neither objects nor lists of numbers",
     files.yaml_with_aliases: "YAML with aliases; write JSON",
     files.deep_yaml: "more than 100 levels",
@@ -1176,6 +1177,16 @@ def test_directions_are_no_positions(name, tmp_path):
     text = files.xyz(header=f"t,{header}")
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert found.units == ("1", "1", "1")
+
+
+@pytest.mark.parametrize("name", ["force_sensor", "crc"])
+def test_a_measurement_of_many_integers_does_not_alternate(name, tmp_path):
+    rng = np.random.default_rng(0)
+    counts = [f"x{n:02x}" if name == "crc" else n for n in rng.integers(0, 60, 2000)]
+    time, path = np.arange(2000) / 500, np.repeat(files.PATH, 5, axis=0)
+    text = files.lines(time, *path.T, counts, header=f"t,x,y,z,{name}")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels[:3] == ("x", "y", "z")
 
 
 @pytest.mark.parametrize("name", ["Sequence", "frame_id", "camera_frame_id", "seq"])

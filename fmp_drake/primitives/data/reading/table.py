@@ -2,9 +2,11 @@
 
 import re
 import shlex
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -65,14 +67,14 @@ _COUNTER = re.compile(
 _AXIS_FIRST = re.compile(
     r"(^|.*_)([xyz])_?(?:pos(?:ition)?|axis|coord(?:inate)?|tcp|eef?|actual)$"
 )
-# Names of columns of numbers that identify a sensor; greatest number of sensors, or least number
-# of rows of each.
+# Names of columns of numbers that identify a sensor; greatest number of sensors in any order; of
+# more, least number of rows of each, and fraction of rows in the same order.
 SOURCE_NAME = re.compile(
     r"((.*[ _])?(device|sensor|source|marker|body|hand|controller|tracker|object|serial|node"
     r"|landmark|keypoint|person)|joint)([ _]?(id|index|no|number))?",
     re.IGNORECASE,
 )
-_MOST_SOURCES, _FEWEST_ROWS = 20, 20
+_MOST_SOURCES, _FEWEST_ROWS, _MOSTLY = 20, 20, 0.6
 # Names of arrays of times.
 TIME_NAME = re.compile(r"(?:.*[/.])?(time|times|timestamps?|t)")
 
@@ -199,13 +201,21 @@ def rows_of_sources(
     rows, chosen = np.arange(count), dict[int, str]()
     columns = {i: np.array(labels) for i, (_, labels) in sources.items()}
     is_one = any(topic in labels for _, labels in sources.values())
-    for label in [topic] if is_one else topic.split(","):
+    unknown = []
+    for label in filter(None, [topic] if is_one else topic.split(",")):
         fitting = (i for i in columns if i not in chosen and label in columns[i][rows])
-        if label and (i := next(fitting, None)) is not None:
+        if (i := next(fitting, None)) is None:
+            unknown.append(label)
+        else:
             rows, chosen[i] = rows[columns[i][rows] == label], label
     for i, (name, _) in sources.items():
         if i not in chosen:
             _check_one_source(path, name, columns[i][rows], [*chosen.values()])
+    if chosen and unknown:
+        raise SkillFileError(
+            f"{path}: no column has {listed(unknown)} to choose; omit it: --topic "
+            f"{shlex.quote(','.join(chosen.values()))}"
+        )
     return rows, chosen
 
 
@@ -214,12 +224,20 @@ def _check_one_source(
 ) -> None:
     """Refuse rows whose labels (n,) alternate; `chosen` are labels of other columns."""
     kinds = list(dict.fromkeys(labels.tolist()))
-    most = max(_MOST_SOURCES, len(labels) / _FEWEST_ROWS)
-    if 2 <= len(kinds) <= most and np.mean(labels[1:] != labels[:-1]) >= 0.5:
+    is_few = len(kinds) <= _MOST_SOURCES or _recur_in_order(labels)
+    if len(kinds) >= 2 and is_few and np.mean(labels[1:] != labels[:-1]) >= 0.5:
         choice = topic_choice([",".join([*chosen, kind]) for kind in kinds])
         raise SkillFileError(
             f"{path}: {name} alternates: its rows come from several sources; {choice}"
         )
+
+
+def _recur_in_order(labels: NDArray[Any]) -> bool:
+    """Return whether labels (n,) recur in one order, unlike the values of a measurement."""
+    pairs = Counter(pairwise(labels.tolist()))
+    most = {label: count for (label, _), count in reversed(pairs.most_common())}
+    is_frequent = len(most) * _FEWEST_ROWS <= len(labels)
+    return is_frequent and sum(most.values()) > _MOSTLY * len(labels)
 
 
 def count_text(count: int, noun: str) -> str:
