@@ -1253,6 +1253,40 @@ def test_recordings_with_the_time_of_their_beginning_are_several(tmp_path):
     assert [len(each.time) for each in found] == list(range(400, 375, -1))
 
 
+@pytest.mark.parametrize("suffix", ["json", "npz"])
+def test_recordings_of_one_length_with_their_beginnings_are_several(suffix, tmp_path):
+    paths = np.stack([files.PATH[i : i + 100] for i in range(25)])
+    time, begins = files.TIME[:100], 100.0 * np.arange(25)
+    file = tmp_path / f"d.{suffix}"
+    if suffix == "npz":
+        np.savez(file, timestamp=begins, positions=paths, rate=files.RATE)
+    else:
+        items = zip(begins.tolist(), paths.tolist(), strict=True)
+        content = [
+            {"timestamp": b, "position": p, "t": time.tolist()} for b, p in items
+        ]
+        file.write_text(json.dumps(content))
+    found, _ = read_demonstrations([file])
+    assert [each.values.shape for each in found] == [(100, 3)] * 25
+
+
+def test_lists_of_objects_in_few_samples_are_left_out(tmp_path):
+    samples = [
+        {
+            "t": t,
+            "position": dict(zip("xyz", point, strict=True)),
+            "contacts": [{"force": {"x": 1.0, "y": 2.0, "z": t}}][: i % 100 == 0],
+        }
+        for i, (t, point) in enumerate(
+            zip(files.TIME.tolist(), files.PATH.tolist(), strict=True)
+        )
+    ]
+    file = files.write(tmp_path, json.dumps(samples), "d.json").path
+    (found,), _ = read_demonstrations([file])
+    assert found.channels == ("x", "y", "z")
+    assert_allclose(found.values, files.PATH)
+
+
 def test_a_column_twice_is_read_once(tmp_path):
     file = files.column_twice(tmp_path)
     (found,), remarks = read_demonstrations([file.path])

@@ -230,16 +230,18 @@ def recordings_in(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _are_samples(items: Any, content: Mapping[str, Any]) -> bool:
-    """Return whether items are samples of many points, such as landmarks, by their times."""
+    """Return whether items are samples of fewer points, such as landmarks, by their times."""
     if isinstance(items, np.ndarray):
         sizes = [np.size(value) for name, value in content.items() if _is_time(name)]
-        return items.ndim == 3 and len(items) in sizes and items.shape[1] not in sizes
+        is_timed = len(items) in sizes and items.shape[1] not in sizes
+        return items.ndim == 3 and is_timed and len(items) > items.shape[1]
     if len(items) < _FEWEST or not all(isinstance(item, Mapping) for item in items):
         return False
     times = [[v for name, v in item.items() if _is_time(name)][:1] for item in items]
     are_numbers = all(t and isinstance(t[0], int | float) for t in times)
     counts = {tuple(len(v) for v in i.values() if isinstance(v, list)) for i in items}
-    return are_numbers and len(counts) == 1 and all(a < b for a, b in pairwise(times))
+    is_one = len(counts) == 1 and max(*counts, default=0) < len(items)
+    return are_numbers and is_one and all(a < b for a, b in pairwise(times))
 
 
 def _fits_all(times: Any, lists: Mapping[str, Any]) -> bool:

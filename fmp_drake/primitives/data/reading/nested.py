@@ -18,6 +18,7 @@ from fmp_drake.primitives.data.reading.arrays import (
     recordings_in,
     table_of,
 )
+from fmp_drake.primitives.data.reading.rows import LEAST_COMPLETE
 from fmp_drake.primitives.data.reading.table import (
     ReadingOptions,
     Table,
@@ -37,6 +38,8 @@ _NUMBERS = {"true": 1.0, "false": 0.0, ".nan": np.nan, ".inf": np.inf, "-.inf": 
 _MOST_LEVELS = 100
 # Keys in less than one of so many objects are left out where most of a table would be empty.
 _RAREST = 100
+# Names of values in lists of objects.
+_IN_LIST = re.compile(r"(^|\.)\d+\.")
 # Beginnings and ends of documents in YAML.
 _DOCUMENT = re.compile(r"^(?:---|\.\.\.)(?!\S)", re.MULTILINE)
 
@@ -178,7 +181,9 @@ def _object_columns(objects: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
     # A key of each object's own, such as its number, would make the table a square.
     is_empty = counts.total() * _RAREST < len(counts) * len(rows)
     least = len(rows) / _RAREST if is_empty else min(len(rows) / _RAREST, 2)
-    names = [name for name, count in counts.items() if count >= least]
+    in_lists = [name for name in counts if _IN_LIST.search(name)]
+    least_of = dict.fromkeys(in_lists, LEAST_COMPLETE * len(rows))
+    names = [n for n, count in counts.items() if count >= least_of.get(n, least)]
     columns = {name: _column([row.get(name) for row in rows]) for name in names}
     return {name: column for name, column in columns.items() if column is not None}
 
