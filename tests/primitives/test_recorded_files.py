@@ -1179,6 +1179,12 @@ def test_directions_are_no_positions(name, tmp_path):
     assert found.units == ("1", "1", "1")
 
 
+def test_words_that_contain_grav_may_be_positions(tmp_path):
+    text = files.xyz(header="t,engraver_x,engraver_y,engraver_z")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z")
+
+
 @pytest.mark.parametrize("name", ["force_sensor", "crc"])
 def test_a_measurement_of_many_integers_does_not_alternate(name, tmp_path):
     rng = np.random.default_rng(0)
@@ -1224,6 +1230,14 @@ def test_a_channel_may_end_with_t(form, tmp_path):
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert found.channels == tuple(names)
     assert_allclose(found.time, files.TIME, atol=1e-9)
+
+
+def test_a_time_whose_name_ends_with_t_may_go_back(tmp_path):
+    time = files.TIME + 1.5 / files.RATE * (np.arange(len(files.TIME)) % 2)
+    file = files.write(tmp_path, files.xyz(time, header="robot_t,x,y,z")).path
+    (found,), remarks = read_demonstrations([file])
+    assert found.channels == ("x", "y", "z")
+    assert "samples sorted by time" in " ".join(remarks)
 
 
 def test_a_second_time_is_no_channel(tmp_path):

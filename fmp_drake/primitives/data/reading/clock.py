@@ -139,8 +139,9 @@ def _missing_time(
 
 
 def _mostly_increases(column: Column) -> bool:
-    """Return whether a column increases, unlike `x_t`, or `mag_x_uT`, of a movement."""
-    return bool(np.mean(np.diff(column.values) >= 0) > _MOSTLY)
+    """Return whether a column increases on the whole, unlike `x_t` or `mag_x_uT`."""
+    steps = np.diff(column.values[~np.isnan(column.values)])
+    return bool(2 * np.sum(steps) >= np.sum(np.abs(steps)))
 
 
 def _is_steady(column: Column) -> bool:
