@@ -1179,6 +1179,20 @@ def test_directions_are_no_positions(name, tmp_path):
     assert found.units == ("1", "1", "1")
 
 
+@pytest.mark.parametrize("name", ["quality", "object"])
+def test_labels_in_any_order_are_no_sources_beside_those_chosen(name, tmp_path):
+    time, path = np.repeat(files.TIME, 2), np.repeat(files.PATH, 2, axis=0)
+    labels = np.random.default_rng(0).integers(0, 3, len(time))
+    if name == "quality":
+        labels = np.array(["good", "bad", "none found"])[labels]
+    hands = ["Left", "Right"] * len(files.TIME)
+    text = files.lines(hands, time, *path.T, labels, header=f"hand,t,x,y,z,{name}")
+    options = ReadingOptions(topic="Left")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path], options)
+    assert found.channels[:3] == ("x", "y", "z")
+    assert_allclose(found.values[:, :3], files.PATH)
+
+
 def test_words_that_contain_grav_may_be_positions(tmp_path):
     text = files.xyz(header="t,engraver_x,engraver_y,engraver_z")
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])

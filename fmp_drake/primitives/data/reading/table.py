@@ -67,8 +67,8 @@ _COUNTER = re.compile(
 _AXIS_FIRST = re.compile(
     r"(^|.*_)([xyz])_?(?:pos(?:ition)?|axis|coord(?:inate)?|tcp|eef?|actual)$"
 )
-# Names of columns of numbers that identify a sensor; greatest number of sensors in any order; of
-# more, least number of rows of each, and fraction of rows in the same order.
+# Names of columns of numbers that identify a sensor; greatest number of sensors in any order;
+# otherwise, least number of rows of each, and fraction of rows in the same order.
 SOURCE_NAME = re.compile(
     r"((.*[ _])?(device|sensor|source|marker|body|hand|controller|tracker|object|serial|node"
     r"|landmark|keypoint|person)|joint)([ _]?(id|index|no|number))?",
@@ -224,7 +224,8 @@ def _check_one_source(
 ) -> None:
     """Refuse rows whose labels (n,) alternate; `chosen` are labels of other columns."""
     kinds = list(dict.fromkeys(labels.tolist()))
-    is_few = len(kinds) <= _MOST_SOURCES or _recur_in_order(labels)
+    is_few = not chosen and len(kinds) <= _MOST_SOURCES
+    is_few = is_few or _recur_in_order(labels)
     if len(kinds) >= 2 and is_few and np.mean(labels[1:] != labels[:-1]) >= 0.5:
         choice = topic_choice([",".join([*chosen, kind]) for kind in kinds])
         raise SkillFileError(
