@@ -1252,6 +1252,9 @@ def test_a_time_whose_name_ends_with_t_may_go_back(tmp_path):
     (found,), remarks = read_demonstrations([file])
     assert found.channels == ("x", "y", "z")
     assert "samples sorted by time" in " ".join(remarks)
+    file = files.write(tmp_path, files.xyz(files.TIME % 2, header="robot_t,x,y,z")).path
+    with pytest.raises(FmpError, match=r"time does not increase .* Cut the file there"):
+        read_demonstrations([file])
 
 
 def test_a_second_time_is_no_channel(tmp_path):

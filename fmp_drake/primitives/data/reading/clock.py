@@ -139,9 +139,10 @@ def _missing_time(
 
 
 def _mostly_increases(column: Column) -> bool:
-    """Return whether a column increases on the whole, unlike `x_t` or `mag_x_uT`."""
+    """Return whether a column increases, mostly or on the whole, unlike `x_t`, `mag_x_uT`."""
     steps = np.diff(column.values[~np.isnan(column.values)])
-    return bool(2 * np.sum(steps) >= np.sum(np.abs(steps)))
+    is_rising = 2 * np.sum(steps) >= np.sum(np.abs(steps))
+    return bool(is_rising or np.mean(steps >= 0) > _MOSTLY)
 
 
 def _is_steady(column: Column) -> bool:
