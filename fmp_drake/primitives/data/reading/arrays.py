@@ -167,7 +167,7 @@ def _aligned(arrays: Mapping[str, NDArray[Any]], count: int) -> dict[str, NDArra
 def _of_points(
     arrays: Mapping[str, NDArray[Any]], count: int
 ) -> dict[str, NDArray[Any]]:
-    """Return arrays in which those of several points, (`count`, k, 3), are one for each."""
+    """Split coordinates of points, (`count`, k, 2) or (`count`, k, 3), into an array a point."""
     out: dict[str, NDArray[Any]] = {}
     for name, array in arrays.items():
         width = array.shape[1] if array.ndim == 3 else 0
@@ -230,7 +230,7 @@ def recordings_in(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _are_samples(items: Any, content: Mapping[str, Any]) -> bool:
-    """Return whether items are samples of fewer points, such as landmarks, by their times."""
+    """Return whether items are samples of fewer points, with increasing times of their own."""
     if isinstance(items, np.ndarray):
         sizes = [np.size(value) for name, value in content.items() if _is_time(name)]
         is_timed = len(items) in sizes and items.shape[1] not in sizes
@@ -278,11 +278,11 @@ def table_of(
     """Return a table of arrays (N,) and (N, k) of equal length.
 
     The columns of an array (N, 3) are named `name_x` and so on, those of others `name_1`.
-    Matrices (N, 4, 4) have 16 columns, (N, 3, 4) 12, and rotations (N, 3, 3) 9. Those of
-    landmarks (N, k, 3) are named `name_0_x` and so on. Names of joints, (N, k) or (k,), name
-    their columns. Other arrays are left out. A rate (Hz), given
-    or found among the arrays, adds a column of times. Where the rows of several things
-    alternate, those of the topic are read. Without `count`, N is found.
+    The columns of landmarks (N, k, 3) are named `name_0_x` and so on. Matrices (N, 4, 4) have
+    16 columns, (N, 3, 4) 12, and rotations (N, 3, 3) 9. Names of joints, (N, k) or (k,), name
+    their columns. Other arrays are left out. A rate (Hz), given or found among the arrays,
+    adds a column of times. Where the rows of several sources alternate, those of the topic
+    are read. Without `count`, N is found.
     """
     count = _sample_count(arrays) if count is None else count
     if arrays and not count:

@@ -172,7 +172,7 @@ def table_of_lines(
 def _numbers_columns(first: list[str], second: list[str]) -> bool:
     """Return whether the first row of a table numbers its columns, as pandas does.
 
-    Some cells of it, such as that of the time, may be words or empty, above numbers.
+    The cells above other columns of numbers, such as the time, may be words or empty.
     """
     numbers = [cell for cell in first if cell.isdecimal()]
     others = [i for i, cell in enumerate(first) if not cell.isdecimal()]
