@@ -1301,12 +1301,16 @@ def test_recordings_of_one_length_with_their_beginnings_are_several(suffix, tmp_
     assert [each.values.shape for each in found] == [(100, 3)] * 25
 
 
-def test_lists_of_objects_in_few_samples_are_left_out(tmp_path):
+@pytest.mark.parametrize("counts", [[1] + [0] * 99, [0, 1, 2, 3]])
+def test_lists_of_objects_of_few_samples_or_different_lengths_are_left_out(
+    counts, tmp_path
+):
     samples = [
         {
             "t": t,
             "position": dict(zip("xyz", point, strict=True)),
-            "contacts": [{"force": {"x": 1.0, "y": 2.0, "z": t}}][: i % 100 == 0],
+            "contacts": [{"force": {"x": 1.0, "y": 2.0, "z": t}}]
+            * counts[i % len(counts)],
         }
         for i, (t, point) in enumerate(
             zip(files.TIME.tolist(), files.PATH.tolist(), strict=True)

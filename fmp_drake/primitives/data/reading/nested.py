@@ -38,8 +38,8 @@ _NUMBERS = {"true": 1.0, "false": 0.0, ".nan": np.nan, ".inf": np.inf, "-.inf": 
 _MOST_LEVELS = 100
 # Keys in less than one of so many objects are left out where most of a table would be empty.
 _RAREST = 100
-# Names of values in lists of objects.
-_IN_LIST = re.compile(r"(^|\.)\d+\.")
+# Number of an element in the name of a value.
+_NUMBER = re.compile(r"(?<=\.)\d+(?=\.)")
 # Beginnings and ends of documents in YAML.
 _DOCUMENT = re.compile(r"^(?:---|\.\.\.)(?!\S)", re.MULTILINE)
 
@@ -181,11 +181,32 @@ def _object_columns(objects: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
     # A key of each object's own, such as its number, would make the table a square.
     is_empty = counts.total() * _RAREST < len(counts) * len(rows)
     least = len(rows) / _RAREST if is_empty else min(len(rows) / _RAREST, 2)
-    in_lists = [name for name in counts if _IN_LIST.search(name)]
-    least_of = dict.fromkeys(in_lists, LEAST_COMPLETE * len(rows))
-    names = [n for n, count in counts.items() if count >= least_of.get(n, least)]
+    partial = _in_partial_lists(objects, counts)
+    names = [n for n, count in counts.items() if count >= least and n not in partial]
     columns = {name: _column([row.get(name) for row in rows]) for name in names}
     return {name: column for name, column in columns.items() if column is not None}
+
+
+def _in_partial_lists(
+    objects: list[dict[str, Any]], counts: Mapping[str, int]
+) -> set[str]:
+    """Return the names of values in lists that are empty in most objects, or vary in length.
+
+    `counts` are the numbers of objects with each name. Elements of a list that varies in
+    length, such as detections, are not the same ones in all objects.
+    """
+    numbered = {name for name in counts if _NUMBER.search(name)}
+    if numbered:  # Some may be keys of mappings.
+        numbered -= {name for item in objects for name, _ in flat_values(item)}
+    elements: dict[str, list[str]] = {}
+    for name in numbered:
+        elements.setdefault(_NUMBER.sub("", name), []).append(name)
+    partial = set[str]()
+    for names in elements.values():
+        numbers = {counts[name] for name in names}
+        if len(numbers) > 1 or max(numbers) < LEAST_COMPLETE * len(objects):
+            partial.update(names)
+    return partial
 
 
 def _with_numbers(content: Any) -> Any:
