@@ -1332,6 +1332,23 @@ def test_a_column_twice_is_read_once(tmp_path):
     assert found.channels == ("x", "y", "z", "again")
 
 
+def test_columns_of_one_name_and_different_units_are_no_copies(tmp_path):
+    text = files.lines(
+        files.TIME, *files.PATH.T, files.PATH[:, 0], header="t,x [m],y [m],z [m],x [mm]"
+    )
+    with pytest.raises(FmpError, match=r"names of columns repeat: x \(2, 5\)"):
+        read_demonstrations([files.write(tmp_path, text).path])
+
+
+def test_an_array_of_a_handle_has_no_points_of_a_hand(tmp_path):
+    jacobians = np.ones((len(files.TIME), 6, 3))
+    file = tmp_path / "d.npz"
+    np.savez(file, t=files.TIME, p=files.PATH, handle_jacobian=jacobians)
+    (found,), remarks = read_demonstrations([file])
+    assert found.channels == ("x", "y", "z")
+    assert "handle_jacobian (400, 6, 3) of float64 left out" in remarks[0]
+
+
 def test_points_of_a_trajectory_without_names_are_joints(tmp_path):
     points = [
         {

@@ -49,7 +49,7 @@ _RATES = ("fps", "rate", "sample_rate", "frequency", "control_freq", "dt")
 _JOINT_ANGLES = re.compile(r"(joint_?)?(positions?|angles?|states?)|q|qpos|joints?")
 _JOINT_NAMES = re.compile(r"(joint_?)?names?")
 # Names of arrays of the coordinates of several points, and the most points.
-_POINTS = re.compile(r"landmark|key_?point|marker|skeleton|hand", re.IGNORECASE)
+_POINTS = re.compile(r"landmark|key_?point|marker|skeleton|hand(?!le)", re.IGNORECASE)
 _MOST_POINTS = 100
 # Fewest samples of one of several recordings in a file.
 _FEWEST = 20

@@ -394,17 +394,15 @@ def shown_columns(names: tuple[str, ...], numbers: tuple[int, ...]) -> str:
 
 
 def without_copies(table: Table) -> Table:
-    """Return a table without columns that repeat the name and the values of another."""
+    """Return a table without columns that repeat the name, unit and values of another."""
+    labels = list(zip(table.names, table.units, strict=True))
+    columns = table.values.T
     copies = [
         i
-        for i, name in enumerate(table.names)
-        if name
-        and name in table.names[:i]
-        and np.array_equal(
-            table.values[:, i],
-            table.values[:, table.names.index(name)],
-            equal_nan=True,
-        )
+        for i, label in enumerate(labels)
+        if label[0]
+        and (first := labels.index(label)) < i
+        and np.array_equal(columns[i], columns[first], equal_nan=True)
     ]
     if not copies:
         return table
