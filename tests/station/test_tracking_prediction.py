@@ -277,6 +277,20 @@ def test_an_error_that_a_held_joint_leaves_is_the_equilibrium_of_the_springs(arm
         assert np.all(np.abs(np.delete(torque, joint)) < 0.02)  # Nm; it bears up to 12.
 
 
+def test_joints_of_a_stretched_arm_do_not_go_far_back_and_forth(arm):
+    """Full corrections near a singularity would go far beyond it, and back."""
+    X, _ = arm.at(arm.posture)
+    outward = X.translation() * [1.0, 1.0, 0.0]
+    outward /= np.linalg.norm(outward)
+    path = np.minimum(np.arange(120), 50)[:, None] * 0.01 * outward
+    motion = arm.follow(path)
+    distance = np.linalg.norm(motion.error[:, 3:], axis=1)
+    assert distance[50] > 0.03  # m
+    assert np.abs(np.diff(motion.q, n=2, axis=0)).max() < 0.4  # rad; 1.2 for full ones
+    assert np.abs(np.diff(motion.q[90:], axis=0)).max() < 0.15
+    assert_allclose(distance[90:], distance[-1], rtol=0.05)
+
+
 def test_pressed_felt_bears_what_the_arm_cannot_yield():
     # A board that rises out of the arm's reach, and one that sinks.
     panda = Follower("panda")

@@ -1,8 +1,9 @@
 """Prediction of the arm's motion along paths of the eraser, by kinematics only."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 
@@ -15,9 +16,11 @@ from fmp_drake.systems.interface.arm_model import ArmModel
 # (rad/s)². Elsewhere the corrections leave an error of less than 0.5 mm.
 _DAMPING = 6.0
 _CORRECTIONS, _LONGEST_STEP = 5, 0.15  # rad
-# Further ones where the last step was longer than this, rad, and the eraser nearly there, in rad
-# and m.
-_FURTHER_CORRECTIONS, _CONVERGED, _NEAR = 6, 0.003, (0.05, 0.01)
+# Shortest correction that another one follows, rad.
+_CONVERGED = 1e-5
+# Number of times that a correction is halved, and factor by which one may load the springs more:
+# they are in equilibrium with a Jacobian that is not exactly the gradient of rotations.
+_HALVINGS, _MORE = 4, 1.001
 # Samples from the arm's posture to the start of a path, and at rest there.
 _LEAD_IN, _SETTLE = 16, 12
 
@@ -40,7 +43,7 @@ class PredictedMotion(NamedTuple):
         Jacobian of the eraser's twist in the board's axes, rotation first.
     error : array, shape (B, T, 6)
         From the predicted to the desired pose, in the board's axes: rotation in rad, then
-        translation in m. Where more time would remove a small one, what would remain.
+        translation in m.
     manipulability : array, shape (B, T)
         ``sqrt(det(J Jᵀ))``, m³.
     """
@@ -149,18 +152,14 @@ class TrackingPredictor:
         begin = np.repeat(p_WE[:, :1], _SETTLE, axis=1)
         path = np.concatenate([lead_in, begin, p_WE], axis=1)
         before, samples = q, []
-        damping = _damping(stiffness, R_WB[:, 0])
-        inverse = _inverse(M, J, damping)
+        arm = _linearized(M, J, stiffness, R_WB[:, 0])
         for k in range(path.shape[1]):
             i = min(max(k - _LEAD_IN - _SETTLE, 0), R_WB.shape[1] - 1)
             posture_error = shortened(q_posture - q, config.max_posture_error)
             u = (u + pull * posture_error) / (1 + brake + step * pull)
-            u -= times(inverse, times(J, u))
-            q = q + step * u
-            for _ in range(_CORRECTIONS):
-                pose_error = _errors(self._poses(q), path[:, k], R_WE[:, i])
-                dq = _correction(q, pose_error, M, J, damping, inverse, lower, upper)
-                q = np.clip(q + dq, lower, upper)
+            u -= times(arm.inverse, times(arm.J, u))
+            q = np.clip(q + step * u, lower, upper)
+            q = self._corrected(q, path[:, k], R_WE[:, i], arm, lower, upper)
             v, before = (q - before) / step, q
             M, Cv, X, J = self._read(q, v)
             error = _errors(X, path[:, k], R_WE[:, i]).reshape(-1, 2, 3) @ R_WB[:, i]
@@ -168,15 +167,7 @@ class TrackingPredictor:
                 is_low = contact.stiffness * error[:, 1, 2] > -contact.force
                 is_closed = is_low & pressed[:, max(k - _LEAD_IN - _SETTLE, 0)]
                 stiffness[:, 5] = normal + contact.stiffness * is_closed
-            damping = _damping(stiffness, R_WB[:, i])
-            inverse = _inverse(M, J, damping)
-            is_moving = np.linalg.norm(dq, axis=-1) > _CONVERGED
-            is_near = np.all(np.linalg.norm(error, axis=-1) < _NEAR, axis=-1)
-            rows = np.flatnonzero(is_moving & is_near)
-            if len(rows):
-                target = path[rows, k], R_WE[rows, i]
-                X = self._settled(q[rows], *target, damping[rows], lower, upper)
-                error[rows] = _errors(X, *target).reshape(-1, 2, 3) @ R_WB[rows, i]
+            arm = _linearized(M, J, stiffness, R_WB[:, i])
             J_B = R_WB[:, i, None].mT @ J.reshape(len(J), 2, 3, -1)
             squared = np.maximum(np.linalg.det(J @ J.mT), 0.0)
             samples.append((q, v, M, Cv, J_B.reshape(J.shape), error, np.sqrt(squared)))
@@ -187,27 +178,39 @@ class TrackingPredictor:
         error = error.reshape(*error.shape[:2], 6)
         return PredictedMotion(q, v, torque, M, J, error, size)
 
-    def _settled(
+    def _corrected(
         self,
         q: Array,
         p_WE: Array,
         R_WE: Array,
-        damping: Array,
+        arm: "_Linearization",
         lower: Array,
         upper: Array,
     ) -> Array:
-        """Return X_WE (B, 3, 4) after further corrections of configurations (B, n).
+        """Return configurations (B, n) nearer to poses, p_WE (B, 3) and R_WE (B, 3, 3).
 
-        What remains of an error is out of reach.
+        A correction that would load the springs more is halved: near a singularity, a full one
+        goes far beyond it, and the next one back.
         """
-        for _ in range(_FURTHER_CORRECTIONS):
-            M, _, X, J = self._read(q, np.zeros_like(q))
-            inverse = _inverse(M, J, damping)
-            dq = _correction(
-                q, _errors(X, p_WE, R_WE), M, J, damping, inverse, lower, upper
-            )
-            q = np.clip(q + dq, lower, upper)
-        return self._poses(q)
+        q, rows = q.copy(), np.arange(len(q))
+        error = _errors(self._poses(q), p_WE, R_WE)
+        for _ in range(_CORRECTIONS):
+            load = _load(error[rows], arm.rows(rows))
+            dq = _correction(q[rows], error[rows], arm.rows(rows), lower, upper)
+            worse = np.arange(len(rows))
+            for _ in range(_HALVINGS):
+                i = rows[worse]
+                found = _errors(self._poses(q[i] + dq[worse]), p_WE[i], R_WE[i])
+                is_worse = _load(found, arm.rows(i)) > _MORE * load[worse]
+                error[i[~is_worse]] = found[~is_worse]
+                worse = worse[is_worse]
+                if not len(worse):
+                    break
+                dq[worse] /= 2
+            dq[worse] = 0.0
+            q[rows] += dq
+            rows = rows[np.linalg.norm(dq, axis=-1) > _CONVERGED]
+        return q
 
     def _read(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M (B, n, n), Cv - g (B, n), X_WE (B, 3, 4) and J (B, 6, n) in W."""
@@ -242,41 +245,54 @@ def _errors(X_WE: Array, p_WE: Array, R_WE: Array) -> Array:
     return np.concatenate([rotations, p_WE - X_WE[..., 3]], axis=1)
 
 
-def _correction(
-    q: Array,
-    pose_error: Array,
-    M: Array,
-    J: Array,
-    damping: Array,
-    inverse: Array,
-    lower: Array,
-    upper: Array,
-) -> Array:
-    """Return the step (B, n) that reduces pose errors (B, 6), within the joints' limits.
+class _Linearization(NamedTuple):
+    """Arms at B configurations: M, J in W, and the damping of `_inverse` with the inverse."""
 
-    Other joints compensate for a joint at its limit.
-    """
-    dq = shortened(times(inverse, pose_error), _LONGEST_STEP)
-    limited = np.clip(q + dq, lower, upper)
-    is_free = limited == q + dq
-    rows = ~np.all(is_free, axis=-1)
-    if np.any(rows):
-        free, J_rows = is_free[rows], J[rows]
-        fixed = np.where(free, 0.0, (limited - q)[rows])
-        rest = pose_error[rows] - times(J_rows, fixed)
-        inverse_rows = _inverse(M[rows], J_rows, damping[rows], free)
-        dq[rows] = fixed + shortened(times(inverse_rows, rest), _LONGEST_STEP)
-    return dq
+    M: Array
+    J: Array
+    damping: Array
+    inverse: Array
+
+    def rows(self, rows: NDArray[Any]) -> "_Linearization":
+        return _Linearization(*(values[rows] for values in self))
 
 
-def _damping(stiffness: Array, R_WB: Array) -> Array:
-    """Return the damping in W, (B, 6, 6), by the stiffness (B, 6) in the board's axes."""
+def _linearized(M: Array, J: Array, stiffness: Array, R_WB: Array) -> _Linearization:
+    """Return the linearization with the damping by the stiffness (B, 6) in the board's axes."""
     damping = np.zeros((len(R_WB), 6, 6))
     for half in (slice(3), slice(3, 6)):
         damping[:, half, half] = (
             R_WB * (_DAMPING / stiffness[:, None, half])
         ) @ R_WB.mT
-    return damping
+    return _Linearization(M, J, damping, _inverse(M, J, damping))
+
+
+def _load(error: Array, arm: _Linearization) -> Array:
+    """Return a multiple of the energy of the springs at pose errors (B, 6), shape (B,)."""
+    return np.sum(
+        error * np.linalg.solve(arm.damping, error[..., None])[..., 0], axis=-1
+    )
+
+
+def _correction(
+    q: Array, error: Array, arm: _Linearization, lower: Array, upper: Array
+) -> Array:
+    """Return the step (B, n) that reduces pose errors (B, 6), within the joints' limits.
+
+    Other joints compensate for a joint at its limit.
+    """
+    dq = shortened(times(arm.inverse, error), _LONGEST_STEP)
+    limited = np.clip(q + dq, lower, upper)
+    is_free = limited == q + dq
+    rows = ~np.all(is_free, axis=-1)
+    if np.any(rows):
+        M, J, damping, _ = arm.rows(rows)
+        free = is_free[rows]
+        fixed = np.where(free, 0.0, (limited - q)[rows])
+        rest = error[rows] - times(J, fixed)
+        inverse = _inverse(M, J, damping, free)
+        dq[rows] = fixed + shortened(times(inverse, rest), _LONGEST_STEP)
+    return np.clip(q + dq, lower, upper) - q
 
 
 def _inverse(M: Array, J: Array, damping: Array, is_free: Mask | None = None) -> Array:
