@@ -68,6 +68,8 @@ def inspect(
     common = common_placement(
         [d for _, d in loaded], scenario=Scenario(), **vars(rhythm)
     )
+    # Once for each file.
+    left_out = {f: options_for_left_out(f, d, reading) for f, d in dict(loaded).items()}
     for file, demonstration in loaded:
         note = demonstration.note or "no remarks"
         console.print(f"{file}: {note}", soft_wrap=True)
@@ -75,7 +77,7 @@ def inspect(
         parts.append(on_board[0])
         lines = describe_recording(demonstration, on_board=on_board, **vars(rhythm))
         conclusions.append(lines[-1])
-        if options := options_for_left_out(file, demonstration, reading):
+        if options := left_out[file]:
             lines.insert(-1, f"to learn more of it: --surface fitted {options}")
         for line in lines:
             console.print(f"  {line}", soft_wrap=True)

@@ -1,5 +1,6 @@
 """Loading of recordings, as recorded or on the board of a scenario."""
 
+import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -122,7 +123,9 @@ def options_for_left_out(
     path: Path, recording: Demonstration, reading: ReadingOptions
 ) -> str:
     """Return the options that learn arrays which a recording of a file lacks, or ""."""
-    if _is_placed(recording) or extra_options(recording):
+    # Only an archive of arrays has some that are left out.
+    is_archive = zipfile.is_zipfile(path)
+    if not is_archive or _is_placed(recording) or extra_options(recording):
         return ""
     whole = _with_all_arrays(path, 1.0, reading)
     return extra_options(whole[0]) if whole else ""
