@@ -18,9 +18,10 @@ _DAMPING = 6.0
 _CORRECTIONS, _LONGEST_STEP = 5, 0.15  # rad
 # Shortest correction that another one follows, rad.
 _CONVERGED = 1e-5
-# Number of times that a correction is halved, and factor by which one may load the springs more:
-# they are in equilibrium with a Jacobian that is not exactly the gradient of rotations.
-_HALVINGS, _MORE = 4, 1.001
+# Number of lengths of a correction that are tried, each half of the one before, and factor by
+# which it may load the springs more: the Jacobian, with which they are in equilibrium, is not
+# exactly the gradient of the rotations.
+_LENGTHS, _MORE = 4, 1.001
 # Samples from the arm's posture to the start of a path, and at rest there.
 _LEAD_IN, _SETTLE = 16, 12
 
@@ -198,7 +199,7 @@ class TrackingPredictor:
             load = _load(error[rows], arm.rows(rows))
             dq = _correction(q[rows], error[rows], arm.rows(rows), lower, upper)
             worse = np.arange(len(rows))
-            for _ in range(_HALVINGS):
+            for _ in range(_LENGTHS):
                 i = rows[worse]
                 found = _errors(self._poses(q[i] + dq[worse]), p_WE[i], R_WE[i])
                 is_worse = _load(found, arm.rows(i)) > _MORE * load[worse]
