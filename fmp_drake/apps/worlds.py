@@ -14,11 +14,11 @@ from fmp_drake.errors import FmpError
 from fmp_drake.experiments.trials import TrialSpec, TrialStore, run_trials
 from fmp_drake.experiments.trials.running import failure, replay_trial
 from fmp_drake.experiments.trials.store import check_parquet
-from fmp_drake.experiments.trials.trial import faults
 from fmp_drake.experiments.trials.trials_report import TrialsReport
 from fmp_drake.film import check_film
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.processes import ClusterWorkers, LocalWorkers, Workers
+from fmp_drake.runs.judging import faults
 
 
 @dataclass(frozen=True, kw_only=True)

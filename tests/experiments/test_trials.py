@@ -24,15 +24,7 @@ from fmp_drake.experiments.trials import (
     run_trials,
 )
 from fmp_drake.experiments.trials.running import code_version, replay_trial, run_trial
-from fmp_drake.experiments.trials.trial import (
-    LEAST_CONTACT,
-    MOST_EXCESS,
-    Trial,
-    faults,
-    largest_push,
-    misses_by_height,
-    pushes,
-)
+from fmp_drake.experiments.trials.store import Trial
 from fmp_drake.experiments.trials.trials_report import (
     TrialsReport,
     draw_figures,
@@ -41,6 +33,14 @@ from fmp_drake.experiments.trials.trials_report import (
 )
 from fmp_drake.film import scene as film_scene
 from fmp_drake.processes import ClusterWorkers
+from fmp_drake.runs.judging import (
+    LEAST_CONTACT,
+    MOST_EXCESS,
+    faults,
+    largest_push,
+    misses_by_height,
+    pushes,
+)
 from fmp_drake.station import models_dir
 from fmp_drake.systems.surface_monitor import TOLERANCE
 

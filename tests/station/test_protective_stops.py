@@ -7,9 +7,9 @@ import pytest
 
 from fmp_drake.experiments.trials import TrialSpec
 from fmp_drake.experiments.trials.running import as_stored
-from fmp_drake.experiments.trials.trial import faults
 from fmp_drake.primitives import FourierMovementPrimitive
 from fmp_drake.runs import WipingRun
+from fmp_drake.runs.judging import faults
 from fmp_drake.station import LoadScenario
 from fmp_drake.systems import StatusFlag
 from fmp_drake.systems.impedance.controller_status import STOP_REASONS

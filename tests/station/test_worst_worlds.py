@@ -8,7 +8,7 @@ import yaml
 
 from fmp_drake.experiments.trials import TrialSpec
 from fmp_drake.experiments.trials.running import as_stored, make_run
-from fmp_drake.experiments.trials.trial import faults
+from fmp_drake.runs.judging import faults
 from fmp_drake.runs.station_run import MakeRun
 from fmp_drake.skills.learning import scenario_skill
 from fmp_drake.station import CheckFeasibility, LoadScenario

@@ -18,8 +18,7 @@ from threadpoolctl import threadpool_limits
 import fmp_drake
 from fmp_drake.errors import ExperimentError, FmpError, RunError
 from fmp_drake.experiments.trials.spec import TrialSpec, own_files
-from fmp_drake.experiments.trials.store import TrialStore
-from fmp_drake.experiments.trials.trial import Trial
+from fmp_drake.experiments.trials.store import Trial, TrialStore
 from fmp_drake.primitives.data.files import write_text
 from fmp_drake.processes import Workers, run_tasks
 from fmp_drake.runs import MakeRun, StationRun

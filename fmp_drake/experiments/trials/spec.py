@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.trials.trial import Trial
+from fmp_drake.experiments.trials.store import Trial
 from fmp_drake.numeric import check_number, is_number, is_whole, shown
 from fmp_drake.settings import check_yaml
 from fmp_drake.skills.learning import default_demonstration

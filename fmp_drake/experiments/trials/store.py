@@ -8,12 +8,13 @@ import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from fmp_drake.errors import ExperimentError
-from fmp_drake.experiments.trials.trial import Trial
 from fmp_drake.primitives.data.files import replaced
+from fmp_drake.runs.judging import RunResult
 
 _NAME = "worlds.sqlite"
 _TABLES = """
@@ -37,6 +38,58 @@ def check_parquet() -> None:
         raise ExperimentError(
             "Parquet files need pyarrow: pip install 'fmp-drake[parquet]'."
         )
+
+
+@dataclass(kw_only=True)
+class Trial(RunResult):
+    """A randomised scenario, and the result of its run: a row of a store.
+
+    Attributes
+    ----------
+    number : int
+    scenario : str
+        Scenario in YAML, with every key.
+    parameters : dict of str to object
+        Drawn values by the names of the fields.
+    code : str
+        The `code_version` of the run.
+    is_feasible : bool
+        Whether the feasibility check passes.
+    verdict : str
+        Text of the feasibility check.
+    checked : dict
+        Values of the feasibility check.
+    metrics : dict or None
+        Metrics of the run; None without a run, or after an exception.
+    events : str
+        Faults that the run reports, with their times.
+    error : str
+        Exception; empty without one.
+    attempts : int
+        Number of attempts to run it.
+    cpu_seconds : float
+
+    Examples
+    --------
+    >>> trial = Trial(number=0, scenario="press: {force: 8.0}")
+    >>> trial.was_run
+    False
+    """
+
+    number: int
+    parameters: dict[str, Any] = field(default_factory=dict)
+    code: str = ""
+    is_feasible: bool = True
+    verdict: str = ""
+    checked: dict[str, Any] = field(default_factory=dict)
+    events: str = ""
+    attempts: int = 1
+    cpu_seconds: float = 0.0
+
+    @property
+    def was_run(self) -> bool:
+        """Whether it was simulated, or an attempt failed."""
+        return self.metrics is not None or bool(self.error)
 
 
 class TrialStore:

@@ -13,20 +13,7 @@ from scipy.stats import binomtest
 
 from fmp_drake.errors import ExperimentError
 from fmp_drake.experiments.report import Finding, Section, write_report
-from fmp_drake.experiments.trials.store import TrialStore
-from fmp_drake.experiments.trials.trial import (
-    LEAST_PRESSED,
-    MOST_FORCE_ERROR,
-    MOST_TILT,
-    MOST_TILT_WITH_FRICTION,
-    Trial,
-    faults,
-    largest_push,
-    misses_by_height,
-    on_board_rms,
-    pushes,
-    undisturbed_force_fraction,
-)
+from fmp_drake.experiments.trials.store import Trial, TrialStore
 from fmp_drake.numeric import is_number
 from fmp_drake.plots.style import (
     DEMONSTRATED,
@@ -38,6 +25,18 @@ from fmp_drake.plots.style import (
 )
 from fmp_drake.primitives.data.channels import listed
 from fmp_drake.primitives.data.reading.table import count_text
+from fmp_drake.runs.judging import (
+    LEAST_PRESSED,
+    MOST_FORCE_ERROR,
+    MOST_TILT,
+    MOST_TILT_WITH_FRICTION,
+    faults,
+    largest_push,
+    misses_by_height,
+    on_board_rms,
+    pushes,
+    undisturbed_force_fraction,
+)
 from fmp_drake.runs.metrics import RECOVERY
 
 # Kinds of faults that must never occur, and all kinds, with their titles.

@@ -1,8 +1,8 @@
-"""Trial of a randomised scenario: its row in a store, and its faults."""
+"""Faults of a run: what is required of it, and where its metrics fall short."""
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -28,53 +28,27 @@ N."""
 
 
 @dataclass(kw_only=True)
-class Trial:
-    """A randomised scenario, and the result of its run: a row of a store.
+class RunResult:
+    """Scenario of a run, and what came of it.
 
     Attributes
     ----------
-    number : int
     scenario : str
         Scenario in YAML, with every key.
-    parameters : dict of str to object
-        Drawn values by the names of the fields.
-    code : str
-        The `code_version` of the run.
-    is_feasible : bool
-        Whether the feasibility check passes.
-    verdict : str
-        Text of the feasibility check.
-    checked : dict
-        Values of the feasibility check.
     metrics : dict or None
         Metrics of the run; None without a run, or after an exception.
-    events : str
-        Faults that the run reports, with their times.
     error : str
         Exception; empty without one.
-    attempts : int
-        Number of attempts to run it.
-    cpu_seconds : float
 
     Examples
     --------
-    >>> trial = Trial(number=0, scenario="press: {force: 8.0}")
-    >>> trial.was_run
-    False
+    >>> RunResult(scenario="press: {force: 8.0}").tolerance
+    0.01
     """
 
-    number: int
     scenario: str
-    parameters: dict[str, Any] = field(default_factory=dict)
-    code: str = ""
-    is_feasible: bool = True
-    verdict: str = ""
-    checked: dict[str, Any] = field(default_factory=dict)
     metrics: dict[str, Any] | None = None
-    events: str = ""
     error: str = ""
-    attempts: int = 1
-    cpu_seconds: float = 0.0
 
     @cached_property
     def fields(self) -> dict[str, Any]:
@@ -91,11 +65,6 @@ class Trial:
     def has_board(self) -> bool:
         """Whether there is a board; false in free space."""
         return self.fields["board"].get("shape") != "none"
-
-    @property
-    def was_run(self) -> bool:
-        """Whether it was simulated, or an attempt failed."""
-        return self.metrics is not None or bool(self.error)
 
 
 class Fault(NamedTuple):
@@ -115,47 +84,47 @@ class Fault(NamedTuple):
     text: str
 
 
-def faults(trial: Trial, duration: float = math.inf) -> list[Fault]:
-    """Return the faults of a trial that was run for a time, the most severe first."""
-    if trial.error:
-        return [Fault("exception", 1e6, f"stopped with {trial.error}")]
-    violations = (fault for fault in _judged(trial, duration) if fault.severity > 1)
+def faults(result: RunResult, duration: float = math.inf) -> list[Fault]:
+    """Return the faults of a run that lasted for a time, the most severe first."""
+    if result.error:
+        return [Fault("exception", 1e6, f"stopped with {result.error}")]
+    violations = (fault for fault in _judged(result, duration) if fault.severity > 1)
     return sorted(violations, key=lambda fault: -fault.severity)
 
 
-def pushes(trial: Trial, duration: float = math.inf) -> list[dict[str, Any]]:
+def pushes(result: RunResult, duration: float = math.inf) -> list[dict[str, Any]]:
     """Return the disturbances that start before the end of the run."""
-    return [push for push in trial.fields["disturbances"] if push["start"] < duration]
+    return [push for push in result.fields["disturbances"] if push["start"] < duration]
 
 
-def largest_push(trial: Trial, duration: float = math.inf) -> float:
+def largest_push(result: RunResult, duration: float = math.inf) -> float:
     """Return the greatest force of the `pushes`, N; 0 without any."""
     return max(
         (
             math.hypot(*push["force"]) if push["kind"] == "push" else push["max_force"]
-            for push in pushes(trial, duration)
+            for push in pushes(result, duration)
         ),
         default=0.0,
     )
 
 
-def on_board_rms(trial: Trial) -> float:
+def on_board_rms(result: RunResult) -> float:
     """Return the rms distance from the path on the actual board, m.
 
     Along the normal it excludes the error of the assumed height and the compression of
     the felt. Stores of older versions only have the whole distance.
     """
-    m: Mapping[str, Any] = trial.metrics or {}
+    m: Mapping[str, Any] = result.metrics or {}
     return float(m.get("tracking_on_board_rms_m", m.get("tracking_rms_m", 0.0)))
 
 
-def undisturbed_force_fraction(trial: Trial) -> float:
+def undisturbed_force_fraction(result: RunResult) -> float:
     """Return the fraction of the time in contact within 5 N of the desired force.
 
     Disturbances are not counted, except in stores of older versions. 0 without contact, NaN in
     free space.
     """
-    m: Mapping[str, Any] = trial.metrics or {}
+    m: Mapping[str, Any] = result.metrics or {}
     if m.get("contact_fraction") == 0:
         return 0.0
     fraction = m.get("normal_force_undisturbed_fraction")
@@ -164,24 +133,24 @@ def undisturbed_force_fraction(trial: Trial) -> float:
     return math.nan if fraction is None else float(fraction)
 
 
-def misses_by_height(trial: Trial) -> bool:
+def misses_by_height(result: RunResult) -> bool:
     """Return whether only the path on the assumed board is missed."""
-    rms = (trial.metrics or {}).get("tracking_rms_m", 0.0)
-    return on_board_rms(trial) <= trial.tolerance < rms
+    rms = (result.metrics or {}).get("tracking_rms_m", 0.0)
+    return on_board_rms(result) <= result.tolerance < rms
 
 
-def most_tilt(trial: Trial) -> float:
+def most_tilt(result: RunResult) -> float:
     """Return the greatest allowed rms error of the orientation, degrees."""
-    has_friction = trial.fields.get("friction", {}).get("enabled", False)
+    has_friction = result.fields.get("friction", {}).get("enabled", False)
     return MOST_TILT_WITH_FRICTION if has_friction else MOST_TILT
 
 
-def _judged(trial: Trial, duration: float) -> Iterator[Fault]:
+def _judged(result: RunResult, duration: float) -> Iterator[Fault]:
     """Yield everything that is judged; a severity up to 1 is not a fault."""
-    metrics = trial.metrics or {}
-    is_pushed = bool(pushes(trial, duration))
-    desired = trial.fields["press"]["force"] if trial.has_board else 0.0
-    robot = LoadRobot(trial.fields.get("robot", DEFAULT_ROBOT))
+    metrics = result.metrics or {}
+    is_pushed = bool(pushes(result, duration))
+    desired = result.fields["press"]["force"] if result.has_board else 0.0
+    robot = LoadRobot(result.fields.get("robot", DEFAULT_ROBOT))
 
     def value(name: str, default: float = 0.0) -> float:
         measured = metrics.get(name)
@@ -205,11 +174,11 @@ def _judged(trial: Trial, duration: float) -> Iterator[Fault]:
         yield Fault("limit", most / (limit * (1 + 1e-9)), text)
     margin = value("joint_limit_margin_min_rad")
     yield Fault("limit", 1 - margin, f"a joint is {-margin:.3f} rad beyond its limit")
-    rms, most = on_board_rms(trial), value("tracking_max_m")
+    rms, most = on_board_rms(result), value("tracking_max_m")
     text = f"follows its path to {1e3 * rms:.1f} mm rms, {1e3 * most:.0f} mm at most"
-    yield Fault("path", rms / trial.tolerance, text)
+    yield Fault("path", rms / result.tolerance, text)
     if not is_pushed:
-        tilt, limit = value("orientation_rms_deg"), most_tilt(trial)
+        tilt, limit = value("orientation_rms_deg"), most_tilt(result)
         text = f"is {tilt:.2f} degrees rms off its orientation, above {limit:g}"
         yield Fault("tilt", tilt / limit, text)
         error = value("normal_force_error_rms_n")
@@ -220,7 +189,7 @@ def _judged(trial: Trial, duration: float) -> Iterator[Fault]:
         # Stores of older versions do not tell the time of disturbances.
         default = 1.0 if is_pushed else fraction
         calm = value("normal_force_undisturbed_fraction", default)
-        if undisturbed_force_fraction(trial) == 0:
+        if undisturbed_force_fraction(result) == 0:
             calm = 0.0
         text = (
             f"presses within 5 N of the desired {desired:.1f} N for {100 * calm:.1f} % of "
@@ -236,7 +205,7 @@ def _judged(trial: Trial, duration: float) -> Iterator[Fault]:
         if fraction > 0:
             yield Fault("press", 1 + LEAST_CONTACT - contact, text)
     force = value("normal_force_max_n")
-    limit = 2 * desired + largest_push(trial, duration) + MOST_EXCESS
+    limit = 2 * desired + largest_push(result, duration) + MOST_EXCESS
     text = f"presses with up to {force:.0f} N, above {limit:.0f} N"
     yield Fault("force", force / limit, text)
     for kind, name, what in (
