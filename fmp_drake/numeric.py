@@ -1,5 +1,6 @@
 """Types of arrays, checks of the user's values, and threads."""
 
+import math
 import operator
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -10,7 +11,7 @@ from types import NoneType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from threadpoolctl import ThreadpoolController
 
 from fmp_drake.errors import FmpError, SkillError
@@ -178,6 +179,11 @@ def shown(value: Any) -> str:
         return f"an integer of more than {len(str(int(GREATEST))) - 1} digits"
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def rms(values: ArrayLike) -> float:
+    """Return the root mean square of all values."""
+    return math.sqrt(np.mean(np.square(values)))
 
 
 def all_finite(array: Array) -> bool:

@@ -34,11 +34,10 @@ import pytest
 from hypothesis import settings
 from pydrake.common.yaml import yaml_dump_typed
 
-from fmp_drake.apps import check as check_module
-from fmp_drake.apps import teach as teach_module
 from fmp_drake.apps import wipe as wipe_module
 from fmp_drake.apps.page import log_natively
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.runs import rehearsal
 from fmp_drake.station import CheckFeasibility
 from fmp_drake.systems.teaching.hand_motion import HandMotion
 
@@ -165,16 +164,24 @@ def learned_once():
 
 @pytest.fixture(scope="session", autouse=True)
 def checked_once():
-    """Check once, for all processes, whether an arm can follow what commands play."""
+    """Check and rehearse once, for all processes, what commands play."""
     once = Once(Path(os.environ["FMP_COMPILED"]).with_name("checked"))
 
-    def check(scenario, skill):
-        given = yaml_dump_typed(scenario), vars(skill)
-        return once.of(given, lambda: CheckFeasibility(scenario, skill))
+    def check(scenario, skill, *, suggest=True):
+        given = yaml_dump_typed(scenario), vars(skill), suggest
+        return once.of(
+            given, lambda: CheckFeasibility(scenario, skill, suggest=suggest)
+        )
 
+    def rehearse(scenario, skill):
+        given = yaml_dump_typed(scenario), vars(skill), "rehearsal"
+        return once.of(given, lambda: simulate(scenario, skill))
+
+    simulate = rehearsal.rehearse
     with pytest.MonkeyPatch.context() as patch:
-        for command in (check_module, teach_module, wipe_module):
-            patch.setattr(command, "CheckFeasibility", check)
+        for module in (rehearsal, wipe_module):
+            patch.setattr(module, "CheckFeasibility", check)
+        patch.setattr(rehearsal, "rehearse", rehearse)
         yield
 
 

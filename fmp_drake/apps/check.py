@@ -18,10 +18,9 @@ from fmp_drake.apps.page import advice, make_console, print_next, write_metrics
 from fmp_drake.plots import plot_reach
 from fmp_drake.plots.style import check_picture
 from fmp_drake.primitives.data.files import check_writable
-from fmp_drake.runs import check_arm
+from fmp_drake.runs import CheckWithRehearsal, check_arm
 from fmp_drake.skills import scenario_skill
 from fmp_drake.skills.description import outside_in_words
-from fmp_drake.station import CheckFeasibility
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,9 +59,10 @@ def check(
         **vars(learning),
     )
     scene.check(scenario, skill)
-    feasibility = CheckFeasibility(scenario, skill)
-    for line in (*remarks, *outside_in_words(skill), feasibility.verdict):
+    for line in (*remarks, *outside_in_words(skill)):
         console.print(line)
+    feasibility = CheckWithRehearsal(scenario, skill, say=console.print)
+    console.print(feasibility.verdict)
     findings = [] if arm is None else check_arm(scenario, arm_config(arm))
     for is_good, text in findings:
         console.print(f"{'good' if is_good else 'BAD '}  {text}")

@@ -34,12 +34,12 @@ from fmp_drake.apps.terminal import has_terminal
 from fmp_drake.errors import FmpError, RunError, StationError
 from fmp_drake.primitives import save_skill
 from fmp_drake.primitives.data.files import check_writable, keep_earlier_files
-from fmp_drake.runs import ArmRun, TeachingSession
+from fmp_drake.runs import ArmRun, CheckWithRehearsal, TeachingSession
 from fmp_drake.runs.real_time import ignored_signals
 from fmp_drake.runs.teach_page import TeachPage
 from fmp_drake.runs.teaching_session import check_names
 from fmp_drake.skills import learn_skill
-from fmp_drake.station import CheckFeasibility, MouseOnPage, WarmUp
+from fmp_drake.station import MouseOnPage, WarmUp
 from fmp_drake.systems import PagePanel
 
 # Simulated time between two polls of the buttons, and between two updates of the panel, s.
@@ -99,7 +99,7 @@ def teach(to: TeachOptions) -> None:
         )
         save_skill(skill, to.skill_file)
         console.print(f"wrote {to.out} and {to.skill_file}")
-        feasibility = CheckFeasibility(scene, skill)
+        feasibility = CheckWithRehearsal(scene, skill, say=console.print)
         if not feasibility.is_feasible:
             raise StationError(feasibility.verdict)
         wipe_with_arm(console, ArmRun(scene, skill, config), inf)

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -40,7 +40,8 @@ from fmp_drake.apps.page import (
 from fmp_drake.apps.run_report import RunFiles, report_rows
 from fmp_drake.apps.terminal import has_terminal, noted_interrupts
 from fmp_drake.errors import RunError, StationError
-from fmp_drake.runs import ArmRun, MakeRun, StationRun
+from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.runs import ArmRun, CheckWithRehearsal, MakeRun, StationRun
 from fmp_drake.runs.events import ADVICE
 from fmp_drake.runs.real_time import request_priority
 from fmp_drake.runs.simulation_loop import advance, reset
@@ -206,7 +207,13 @@ def wipe(
             *outside_in_words(skill),
         ):
             say(console, panel, text)
-        feasibility = CheckFeasibility(scenario, skill)
+        # With --force no rehearsal changes what is done.
+        check: Callable[[Scenario, FourierMovementPrimitive], Feasibility] = (
+            CheckFeasibility
+            if play.force
+            else partial(CheckWithRehearsal, say=partial(say, console, panel))
+        )
+        feasibility = check(scenario, skill)
         if not (
             feasibility.is_feasible
             or play.force
@@ -216,7 +223,7 @@ def wipe(
             text = " ".join(filter(None, parts))
             raise StationError(f"{text} (--force runs it anyway).")
         if scenario.skill.tempo == feasibility.suggested_tempo:  # A viewer has set it.
-            feasibility = CheckFeasibility(scenario, skill)
+            feasibility = check(scenario, skill)
         say(console, panel, feasibility.verdict)
         wait_for_law(console, panel, law)
 

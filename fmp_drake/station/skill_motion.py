@@ -19,7 +19,7 @@ from fmp_drake.errors import SkillError, StationError
 from fmp_drake.numeric import Array, Mask
 from fmp_drake.primitives import FourierMovementPrimitive, Player, Tracker
 from fmp_drake.primitives.data.channels import ChannelRoles, channel_roles
-from fmp_drake.primitives.data.orientation import rotation_vectors
+from fmp_drake.primitives.data.orientation import rotation_vectors, rotations_of
 from fmp_drake.primitives.model.region import DemonstratedRegion, automatic_margin
 from fmp_drake.primitives.model.trajectory_mixture import check_skill
 from fmp_drake.station.board_scene import BoardScene, Connect
@@ -405,3 +405,25 @@ def SampleSkillPaths(
         parts = player.region.largest_channel_fractions(steady, deviation)
         deviation *= parts[:, None]
     return np.concatenate([beginnings, steady + deviation])[:, ::stride]
+
+
+def SampledForces(
+    scenario: Scenario,
+    skill: FourierMovementPrimitive,
+    roles: ChannelRoles,
+    values: Array,
+) -> Array | float:
+    """Return the normal forces (B, T) of sampled channels (B, T, D), or the nominal one, N."""
+    if roles.force is None:
+        return scenario.nominal_force()
+    largest_force = max(float(skill.extent_[1, roles.force]), 0.0)
+    return np.clip(values[..., roles.force], 0.0, largest_force)
+
+
+def SampledRotations(roles: ChannelRoles, values: Array) -> Array | None:
+    """Return R_TE (B, T, 3, 3) of sampled channels (B, T, D), if they have a rotation."""
+    if roles.rotation is None or roles.reference is None:
+        return None
+    vectors = values[..., list(roles.rotation)].reshape(-1, 3)
+    R_TE = rotations_of(vectors, roles.reference).as_matrix()
+    return R_TE.reshape(*values.shape[:2], 3, 3)

@@ -35,7 +35,7 @@ from fmp_drake.experiments.benchmark.splits import (
     make_movement,
     splits,
 )
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, rms
 from fmp_drake.primitives import read_demonstrations
 from fmp_drake.processes import Workers
 from fmp_drake.skills.placement import place_on_board
@@ -251,7 +251,7 @@ def clean_board(
             for fraction, time in times_to_clean(times, cleaned).items()
         },
         "cleaned": cleaned[-1],
-        "tracking_rms_m": float(np.sqrt(np.mean(np.square(errors)))),
+        "tracking_rms_m": rms(errors),
         "force_mean_n": float(steady_forces.mean()),
         "force_near": float(np.mean(force_errors <= FORCE_TOLERANCE)),
     }

@@ -21,9 +21,9 @@ from fmp_drake.experiments.trials.spec import TrialSpec, own_files
 from fmp_drake.experiments.trials.store import Trial, TrialStore
 from fmp_drake.primitives.data.files import write_text
 from fmp_drake.processes import Workers, run_tasks
-from fmp_drake.runs import MakeRun, StationRun
+from fmp_drake.runs import CheckWithRehearsal, MakeRun, StationRun
 from fmp_drake.skills.learning import shared_skill
-from fmp_drake.station import CheckFeasibility, ParseScenario, models_dir
+from fmp_drake.station import ParseScenario, models_dir
 
 # Subpackages and libraries on which the result of a run depends.
 _ROOMS = ("primitives", "systems", "station", "skills", "runs")
@@ -121,7 +121,7 @@ def _run(trial: Trial, duration: float, force: bool) -> None:
     """Run a trial and store the result in it."""
     scenario = ParseScenario(trial.scenario)
     skill, _ = shared_skill(scenario)
-    feasibility = CheckFeasibility(scenario, skill, suggest=False)
+    feasibility = CheckWithRehearsal(scenario, skill, suggest=False)
     trial.is_feasible, trial.verdict = feasibility.is_feasible, feasibility.verdict
     trial.checked = as_stored(feasibility.values)
     _free_memory()

@@ -277,7 +277,18 @@ class BoardReach:
         damping = joint_damping(model.plant)
         self.damping = np.where(damping > _SLIGHT_DAMPING, damping, 0.0)
         self.rail = scenario.board.motion.amplitude * scenario.board.rail_axis()
+        self._frequency = scenario.board.motion.frequency
         self._surface = scenario.board.curvature()
+
+    def displacements(self, count: int, length: int, step: float) -> Array:
+        """Return how far the board is along its rail at samples of paths, (count, length, 3), m.
+
+        Each path starts at another position of the board, the first at the rail's end; `step`
+        is the time between two samples, s.
+        """
+        starts = np.linspace(-0.5, 1.5, count, endpoint=False)[:, None] * np.pi
+        turned = 2 * np.pi * self._frequency * step * np.arange(length)
+        return np.sin(starts + turned)[..., None] * self.rail
 
     def start_posture(self) -> Array:
         """Return the posture of a station at the start, shape (n,).

@@ -11,9 +11,8 @@ import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import Array, Mask, one_blas_thread
+from fmp_drake.numeric import Array, Mask, one_blas_thread, rms
 from fmp_drake.primitives import FourierMovementPrimitive
-from fmp_drake.primitives.data.orientation import rotations_of
 from fmp_drake.station.reach.board_reach import (
     LONGEST_MOVE,
     BoardReach,
@@ -23,7 +22,12 @@ from fmp_drake.station.reach.deviation_prediction import predict_lifts
 from fmp_drake.station.reach.tracking_prediction import PredictedMotion, lengths
 from fmp_drake.station.scenario import ParseScenario, Scenario, check_scenario
 from fmp_drake.station.scenario_parts import FORCE_TOLERANCE
-from fmp_drake.station.skill_motion import SampleSkillPaths, SkillRoles
+from fmp_drake.station.skill_motion import (
+    SampledForces,
+    SampledRotations,
+    SampleSkillPaths,
+    SkillRoles,
+)
 
 type Values = dict[str, np.floating | float]
 
@@ -43,6 +47,9 @@ class Feasibility:
     Attributes
     ----------
     is_feasible : bool
+    is_doubtful : bool
+        Whether it is infeasible by predictions that may be wrong, and near its bounds, so that
+        only a run decides: see `fmp_drake.runs.CheckWithRehearsal`.
     verdict : str
         One line: the decisive numbers and, where it was requested, the smallest change
         with which the check passes.
@@ -82,10 +89,11 @@ class Feasibility:
     Examples
     --------
     >>> list(Feasibility.__dataclass_fields__)[:3]
-    ['is_feasible', 'verdict', 'values']
+    ['is_feasible', 'is_doubtful', 'verdict']
     """
 
     is_feasible: bool
+    is_doubtful: bool
     verdict: str
     values: dict[str, float]
     start: Array
@@ -188,30 +196,22 @@ class _Check:
             )
         self._values = values
         self._paths = values[..., list(roles.position)]
-        self._R_TE: Array | None = None
-        if roles.rotation is not None and roles.reference is not None:
-            vectors = values[..., list(roles.rotation)].reshape(-1, 3)
-            R_TE = rotations_of(vectors, roles.reference).as_matrix()
-            self._R_TE = R_TE.reshape(*self._paths.shape, 3)
+        self._R_TE = SampledRotations(roles, values)
         self._X_WB = [board.assumed_pose()]
         if any([*board.error.translation, *board.error.rpy]):
             self._X_WB.append(board.pose())
         boards = len(self._X_WB)
-        # Normal force at each sample, N.
-        self._force: Array | float = scenario.nominal_force()
-        if roles.force is not None:
-            largest_force = max(skill.extent_[1, roles.force], 0.0)
-            force = np.clip(values[..., roles.force], 0.0, largest_force)
-            self._force = np.tile(force, (boards, 1))
+        # Normal force, N: of all samples, or at each one.
+        self._force = SampledForces(scenario, skill, roles, values)
+        if np.ndim(self._force):
+            self._force = np.tile(self._force, (boards, 1))
         lags = self._reach.friction_lag(self._paths, boards, self._force)
-        self._friction_lag = _rms(lags)
-        # Each path starts at another position of the board on its rail, the first at its end.
+        self._friction_lag = rms(lags)
         count, length = self._paths.shape[:2]
-        omega, rail = 2 * math.pi * board.motion.frequency, self._reach.rail
-        phase = np.linspace(-0.5, 1.5, count, endpoint=False)[:, None] * math.pi
-        phase = (phase + omega * self._step * np.arange(length))[..., None]
-        self._displacement = np.sin(phase) * rail
+        self._displacement = self._reach.displacements(count, length, self._step)
+        # What is wrong, and those predictions of it that may be wrong themselves.
         self._faults: list[str] = []
+        self._doubtful: list[str] = []
         # Remedies: a move of the board, a setting in words, a slower tempo, a smaller or greater
         # normal force (N).
         self._is_far = self._is_disturbed = False
@@ -244,7 +244,7 @@ class _Check:
             q_posture=posture,
             step=self._step,
         )
-        lag, turn = map(_rms, lengths(deviation, has_rotation=self._R_TE is not None))
+        lag, turn = map(rms, lengths(deviation, has_rotation=self._R_TE is not None))
         values, missed = self._judge_reach(motion, lag)
         values |= self._judge_speed(motion)
         values |= self._judge_force(motion, reach.start_force(posture))
@@ -267,8 +267,10 @@ class _Check:
             verdict += f" It never comes nearer to the board than {lowest:.0f} mm."
         if self._faults:
             verdict = f"The arm cannot follow this skill: {'; '.join(self._faults)}."
+        is_near = bool(values["tracking_error"] <= scenario.tolerance)
         return Feasibility(
             is_feasible=not self._faults,
+            is_doubtful=is_near and 0 < len(self._faults) == len(self._doubtful),
             verdict=verdict,
             values={name: float(value) for name, value in values.items()},
             start=np.array(scenario.start),
@@ -364,6 +366,10 @@ class _Check:
                 return " and ".join(words)
         return ""
 
+    def _doubt(self, fault: str) -> None:
+        self._faults.append(fault)
+        self._doubtful.append(fault)
+
     def _is_frequent(self, missed: Mask) -> bool:
         return float(np.mean(missed)) > self._bounds.exceptions
 
@@ -379,11 +385,11 @@ class _Check:
         )
         is_missed = far | tilted
         distance, tilt = lengths(motion.error, has_rotation=has_rotation)
-        rms = math.hypot(_rms(distance), self._reach.off_path(lag, self._friction_lag))
+        error = math.hypot(rms(distance), self._reach.off_path(lag, self._friction_lag))
         is_far = self._is_frequent(far) and (
-            rms > self._most_error or self._is_frequent(distance > bounds.farthest)
+            error > self._most_error or self._is_frequent(distance > bounds.farthest)
         )
-        tilt_rms = _rms(tilt)
+        tilt_rms = rms(tilt)
         is_tilted = self._is_frequent(tilted) and (
             tilt_rms > bounds.tilt_error or self._is_frequent(tilt > bounds.steepest)
         )
@@ -401,7 +407,7 @@ class _Check:
         if text and np.any(is_off & at_spring):
             text += f", where joint {_joint(-margin)} is at a joint-limit spring"
         if text:
-            self._faults.append(text)
+            self._doubt(text)
         clearance, faults, touching = self._reach.contacts(
             self._X_WB, motion, self._displacement
         )
@@ -419,7 +425,7 @@ class _Check:
             **values,
             "reachable_fraction": 1 - np.mean(is_missed),
             "largest_distance": np.max(distance),
-            "tracking_error": rms,
+            "tracking_error": error,
             "smallest_joint_margin": np.min(margin),
             "wall_fraction": np.mean(at_spring),
             "smallest_manipulability": np.min(motion.manipulability),
@@ -434,7 +440,7 @@ class _Check:
         tempo, above = self._tempo * allowed / ratio, float(np.mean(fastest > 1))
         # Out of reach, or at a joint-limit spring, the joints' speed is meaningless.
         if above > bounds.brief and not self._faults:
-            self._faults.append(
+            self._doubt(
                 f"joint {_joint(speed)} needs {100 * ratio:.0f} % of its greatest speed, and "
                 f"more than 100 % on {100 * above:.1f} % of the path"
             )
@@ -486,7 +492,7 @@ class _Check:
             # Contact is lost where the force would be negative.
             least = -min(FORCE_TOLERANCE, float(np.max(self._force)))
             unsteady = float(np.mean((error > FORCE_TOLERANCE) | (error < least)))
-            values |= {"force_error": _rms(error), "unsteady_fraction": unsteady}
+            values |= {"force_error": rms(error), "unsteady_fraction": unsteady}
         if self._faults:
             return values
         # Friction does not make runs worse than predicted, nor does damping.
@@ -515,7 +521,7 @@ class _Check:
         elif has_board and values["force_error"] > allowed:
             text = f"the normal force is off by {values['force_error']:.1f} N rms"
         if text:
-            self._faults.append(f"{hindrance}, and {text}" if hindrance else text)
+            self._doubt(f"{hindrance}, and {text}" if hindrance else text)
             if np.any(self._reach.damping):  # Its force is proportional to the tempo.
                 worst = float(np.quantile(np.abs(error), 1 - bounds.unsteady))
                 left = max(self._scenario.tolerance - self._friction_lag, 1e-9)
@@ -539,10 +545,6 @@ class _Check:
                 f"off the board; a normal force of {math.ceil(self._firmer)} N withstands it"
             )
         return {"push_deviation": found.lift}
-
-
-def _rms(values: Array) -> float:
-    return math.sqrt(np.mean(values**2))
 
 
 def _joint(values: Array) -> int:

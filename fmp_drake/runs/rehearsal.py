@@ -1,0 +1,103 @@
+"""Rehearsal: a simulated run that decides where the prediction of a check is doubtful."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from pydrake.common.yaml import yaml_dump_typed
+
+from fmp_drake.errors import FmpError
+from fmp_drake.primitives import FourierMovementPrimitive
+from fmp_drake.runs.judging import Fault, RunResult, faults
+from fmp_drake.runs.station_run import MakeRun
+from fmp_drake.station import CheckFeasibility, Scenario
+from fmp_drake.station.reach.feasibility import Feasibility
+
+REHEARSAL = 30.0
+"""Simulated time of a rehearsal, s."""
+
+
+def rehearse(scenario: Scenario, skill: FourierMovementPrimitive) -> list[Fault]:
+    """Simulate a skill on a scenario's board for `REHEARSAL`, and return its faults.
+
+    It plays other samples than a run with the scenario's seed.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    skill : FourierMovementPrimitive
+        Fitted.
+
+    Returns
+    -------
+    list of Fault
+        The most severe first.
+    """
+    text: str = yaml_dump_typed(scenario)  # type: ignore[no-untyped-call]
+    result = RunResult(scenario=text)
+    try:
+        run = MakeRun(scenario, skill, seed=scenario.skill.seed + 1)
+        run.simulator.set_target_realtime_rate(0)
+        run.advance_to(REHEARSAL)
+        result.metrics = run.metrics()
+    except (FmpError, RuntimeError) as error:
+        result.error = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return faults(result, REHEARSAL)
+
+
+def CheckWithRehearsal(
+    scenario: Scenario,
+    skill: FourierMovementPrimitive,
+    *,
+    suggest: bool = True,
+    say: Callable[[str], object] | None = None,
+) -> Feasibility:
+    """Check a skill on a board, and rehearse it where the prediction is doubtful.
+
+    Close to its bounds `CheckFeasibility` cannot tell whether joints that are braked, or poses
+    that are nearly singular or out of reach, disturb a run too much. A rehearsal decides
+    then; it takes about 15 s.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    skill : FourierMovementPrimitive
+        Fitted, with channels that `MakeStation` can play.
+    suggest : bool
+        Whether to look for a change with which the check passes.
+    say : callable, optional
+        Called with a text before a rehearsal.
+
+    Raises
+    ------
+    StationError
+        If a value of the scenario is not allowed, or a channel of the skill has no role.
+
+    Examples
+    --------
+    >>> from fmp_drake.skills import scenario_skill
+    >>> from fmp_drake.station import LoadScenario
+    >>> scenario = LoadScenario("table_top")
+    >>> CheckWithRehearsal(scenario, scenario_skill(scenario)[0]).is_feasible
+    True
+    """
+    predicted = CheckFeasibility(scenario, skill, suggest=False)
+    verdict = predicted.verdict
+    if predicted.is_doubtful:
+        if say is not None:
+            say(
+                f"close to the bounds of the check; a rehearsal of {REHEARSAL:g} s decides"
+            )
+        found = rehearse(scenario, skill)
+        if not found:
+            verdict = (
+                f"The arm can follow this skill: a rehearsal of {REHEARSAL:g} s stays within "
+                "all bounds, but close to them. What was predicted: "
+                f"{verdict.partition(': ')[2]}"
+            )
+            return replace(predicted, is_feasible=True, verdict=verdict)
+        verdict += f" A rehearsal of {REHEARSAL:g} s agrees: {found[0].text}."
+    if predicted.is_feasible or not suggest:
+        return replace(predicted, verdict=verdict)
+    checked = CheckFeasibility(scenario, skill)
+    remedy = checked.verdict.removeprefix(predicted.verdict)
+    return replace(checked, verdict=verdict + remedy)

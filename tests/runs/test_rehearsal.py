@@ -1,0 +1,114 @@
+"""Facts about rehearsals: what the check cannot tell, a simulated run decides."""
+
+import pytest
+
+from fmp_drake.runs import rehearsal
+from fmp_drake.runs.judging import Fault
+from fmp_drake.runs.rehearsal import CheckWithRehearsal, rehearse
+from fmp_drake.skills import scenario_skill
+from fmp_drake.station import CheckFeasibility, LoadScenario
+
+
+def table(*, tempo=1.0, x=0.5):
+    scenario = LoadScenario("table_top")
+    scenario.skill.tempo = tempo
+    scenario.board.translation[0] = x
+    return scenario
+
+
+@pytest.fixture(scope="module")
+def skill():
+    return scenario_skill(LoadScenario("table_top"))[0]
+
+
+@pytest.fixture
+def rehearsed(monkeypatch):
+    """The scenarios that are rehearsed, with the given faults, without simulating them."""
+    scenarios, found = [], []
+
+    def stub(scenario, _):
+        scenarios.append(scenario)
+        return found
+
+    monkeypatch.setattr(rehearsal, "rehearse", stub)
+    return scenarios, found
+
+
+@pytest.mark.parametrize(
+    ("scenario", "is_doubtful"),
+    [
+        (table(), False),  # Feasible.
+        (table(tempo=2.0), True),  # Joints are braked on a third of the path.
+        (
+            table(x=0.35),
+            True,
+        ),  # Some of it is out of reach, by less than the tolerance.
+        (table(x=0.75), False),  # The error is more than the tolerance.
+        (table(x=1.2), False),  # The start is out of reach.
+    ],
+)
+def test_only_predictions_near_the_bounds_are_doubtful(scenario, skill, is_doubtful):
+    feasibility = CheckFeasibility(scenario, skill, suggest=False)
+    assert feasibility.is_doubtful == is_doubtful
+
+
+def test_one_certain_fault_is_enough(skill):
+    # Joints are braked, and friction holds the eraser back.
+    scenario = table(tempo=2.0)
+    scenario.press.force = 60.0
+    feasibility = CheckFeasibility(scenario, skill, suggest=False)
+    assert not feasibility.is_feasible
+    assert not feasibility.is_doubtful
+
+
+@pytest.mark.parametrize("scenario", [table(), table(x=1.2)])
+def test_certain_verdicts_are_not_rehearsed(scenario, skill, rehearsed):
+    scenarios, _ = rehearsed
+    feasibility = CheckWithRehearsal(scenario, skill)
+    assert feasibility.verdict == CheckFeasibility(scenario, skill).verdict
+    assert scenarios == []
+
+
+def test_rehearsal_that_goes_well_decides(skill, rehearsed):
+    said = []
+    feasibility = CheckWithRehearsal(table(tempo=2.0), skill, say=said.append)
+    assert feasibility.is_feasible
+    assert feasibility.suggestion == {}
+    assert "of 30 s stays within all bounds" in feasibility.verdict
+    assert feasibility.verdict.endswith(" % of the path.")
+    assert len(said) == len(rehearsed[0]) == 1
+
+
+@pytest.mark.parametrize("suggest", [False, True])
+def test_rehearsal_that_fails_gives_its_reason(skill, rehearsed, suggest):
+    rehearsed[1].append(Fault("path", 1.2, "follows its path to 12 mm rms"))
+    scenario = table(tempo=2.0)
+    feasibility = CheckWithRehearsal(scenario, skill, suggest=suggest)
+    assert not feasibility.is_feasible
+    reason = "A rehearsal of 30 s agrees: follows its path to 12 mm rms."
+    assert reason in feasibility.verdict
+    assert ("What would help: slow down" in feasibility.verdict) == suggest
+    assert bool(feasibility.suggestion) == suggest
+
+
+def test_rehearsal_simulates_other_samples(skill, monkeypatch):
+    monkeypatch.setattr(rehearsal, "REHEARSAL", 2.0)
+    made, make = [], rehearsal.MakeRun
+
+    def make_run(*args, **options):
+        made.append(make(*args, **options))
+        return made[-1]
+
+    monkeypatch.setattr(rehearsal, "MakeRun", make_run)
+    assert rehearse(table(), skill) == []
+    (run,) = made
+    assert run.seed == run.scenario.skill.seed + 1
+    assert run.simulator.get_context().get_time() == pytest.approx(2.0)
+    (fault, *_) = rehearse(table(tempo=4.0), skill)
+    assert fault.kind == "path"
+
+
+def test_run_that_breaks_off_is_a_fault(skill):
+    (fault,) = rehearse(table(x=1.2), skill)
+    assert fault.kind == "exception"
+    assert "StationError" in fault.text
