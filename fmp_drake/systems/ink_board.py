@@ -20,12 +20,7 @@ from pydrake.systems.framework import (
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.numeric import Array, as_floats, check_number, check_type, read_only
-from fmp_drake.systems.ink.grid import (
-    CLEAN_BELOW,
-    WEAR_CONSTANT,
-    InkGrid,
-    cleaned_fraction,
-)
+from fmp_drake.systems.ink.grid import CLEAN_BELOW, InkGrid, cleaned_fraction
 from fmp_drake.systems.ink.rubbing import (
     Cells,
     Patch,
@@ -293,7 +288,7 @@ class InkBoard(LeafSystem):
             for interval in self._turns(before, now, patch)
         )
         ink = values.get_mutable_value(self._ink)
-        wear(ink, np.ravel(rubbing), WEAR_CONSTANT)
+        wear(ink, np.ravel(rubbing))
 
     def _turns(
         self, before: PlanarMotion, now: PlanarMotion, patch: Patch

@@ -24,8 +24,8 @@ from rubbed_board import (
 
 from fmp_drake.errors import SystemsError
 from fmp_drake.systems.erase_times import NEVER, EraseTimes
-from fmp_drake.systems.ink.grid import CLEAN_BELOW, WEAR_CONSTANT, cleaned_history
-from fmp_drake.systems.ink.rubbing import LONGEST_STEP, STRIPE_PITCH
+from fmp_drake.systems.ink.grid import CLEAN_BELOW, cleaned_history
+from fmp_drake.systems.ink.rubbing import LONGEST_STEP, STRIPE_PITCH, WEAR_CONSTANT
 from fmp_drake.systems.ink_board import InkBoard
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from plane_shapes import inside_convex, rectangle
 
 from fmp_drake.systems.ink import rubbing
-from fmp_drake.systems.ink.grid import WEAR_CONSTANT, InkGrid
+from fmp_drake.systems.ink.grid import InkGrid
 from fmp_drake.systems.ink.rubbing import (
     LONGEST_STEP,
     STRIPE_PITCH,
@@ -165,14 +165,14 @@ def test_wear_of_ink_follows_its_law():
     felt = np.array([0.0, 10.0, 20.0, 60.0, 60.0])
     initial = np.array([1.0, 1.0, 1.0, 1.0, 0.05])
     ink = initial.copy()
-    rubbing.wear(ink, felt, 20.0)
+    rubbing.wear(ink, felt)
     np.testing.assert_allclose(ink, initial * np.exp(-felt / 20.0))
 
 
 def test_one_stroke_at_10_newton_removes_more_than_95_percent():
     pressure = np.array([10.0, 3.0]) / (FELT[0] * FELT[1])
     ink = np.ones(2)
-    rubbing.wear(ink, pressure * FELT[1], WEAR_CONSTANT)
+    rubbing.wear(ink, pressure * FELT[1])
     assert 0.005 < ink[0] < 0.05
     assert ink[1] > 0.25
 

@@ -21,16 +21,6 @@ from fmp_drake.primitives import PlaybackState, Player
 from fmp_drake.primitives.model.region import densified
 from fmp_drake.systems.surface.surface import PLANE, Surface
 
-WEAR_CONSTANT = 20.0
-"""Wear constant c of the ink in Pa m; see `fmp_drake.systems.ink.rubbing.wear`.
-
-A felt of 0.12 m x 0.05 m pressed with 10 N carries 10 / 0.006 = 1667 Pa. When
-it moves across a cell along its short side, the exposure of that cell is
-1667 Pa x 0.05 m = 83 Pa m and exp(-83 / 20) = 1.6 % of its ink remains; one
-stroke at 10 N therefore removes more than 95 %. It takes 5.5 N to get below
-the 10 % that count as clean, and a light touch of 3 N leaves 29 %.
-"""
-
 CLEAN_BELOW = 0.1
 """Fraction of ink left below which a cell counts as clean."""
 
