@@ -115,7 +115,7 @@ def self_alignments(
     out: list[Alignment] = []
     gains = _gains(recording - recording.mean(axis=0), lags)
     while len(lags) and (most is None or len(out) < most):
-        scores, starts, ends, first_lags = _best_paths(gains, _CHANGE_COST)
+        scores, starts, ends, first_lags = _best_paths(gains)
         best = int(np.argmax(scores))
         period = float(lags[first_lags[best]] + lags[best]) / 2
         if scores[best] <= least * period:
@@ -166,17 +166,8 @@ def _gains(values: Array, lags: Indices) -> Array:
 
 
 @compiled
-def _best_paths(
-    gains: Array, change_cost: float
-) -> tuple[Array, Indices, Indices, Indices]:
-    """Return the best path that ends at each lag: score, start, end and first lag, (M,).
-
-    Parameters
-    ----------
-    gains : ndarray, shape (n, M)
-    change_cost : float
-        Cost of a change to a neighbouring lag.
-    """
+def _best_paths(gains: Array) -> tuple[Array, Indices, Indices, Indices]:
+    """Return the best path by `_gains` that ends at each lag: score, start, end, first lag."""
     n, count = gains.shape
     best = np.zeros(count)
     best_starts, best_ends, best_firsts = np.zeros((3, count), dtype=np.int64)
@@ -186,8 +177,8 @@ def _best_paths(
         for lag in range(count):
             score, source = scores[lag], lag
             for other in (lag - 1, lag + 1):
-                if 0 <= other < count and scores[other] - change_cost > score:
-                    score, source = scores[other] - change_cost, other
+                if 0 <= other < count and scores[other] - _CHANGE_COST > score:
+                    score, source = scores[other] - _CHANGE_COST, other
             is_continued = score > 0
             new_scores[lag] = max(score + gains[i, lag], 0.0)
             new_starts[lag] = starts[source] if is_continued else i
