@@ -9,6 +9,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from arm_loop import (
+    PANDA,
+    Q_START,
+    X_WT_FLAT,
+    X_WT_TILTED,
+    jacobian,
+    make_arm,
+    pose_in_task,
+)
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialForce
@@ -35,7 +44,6 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.systems.impedance.algebra import Pose, task_error
 from fmp_drake.systems.impedance.config import ImpedanceConfig
 from fmp_drake.systems.impedance.joints import (
@@ -58,19 +66,7 @@ from fmp_drake.systems.operational_space_impedance_controller import (
 
 pytestmark = pytest.mark.slow
 
-Q_START = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
-X_WT_FLAT = RigidTransform([0.5, 0, 0.1])
-X_WT_TILTED = RigidTransform(RollPitchYaw(0.3, -0.4, 0.5), [0.45, 0.05, 0.2])
 NO_LIMIT = 1e9
-
-
-def make_plant(*, gravity: bool = True) -> MultibodyPlant:
-    plant = MultibodyPlant(time_step=0.001)
-    robot = AddRobot(plant, LoadRobot("panda"))
-    for instance in (robot.arm, robot.tool):
-        plant.set_gravity_enabled(instance, gravity)
-    plant.Finalize()
-    return plant
 
 
 def make_controller(
@@ -83,14 +79,14 @@ def make_controller(
         plant,
         end_effector=plant.GetFrameByName("eraser_tip"),
         X_WT=X_WT,
-        config=config or LoadRobot("panda").complete(ImpedanceConfig()),
+        config=config or PANDA.complete(ImpedanceConfig()),
         q_posture=q_posture,
     )
 
 
 @pytest.fixture(scope="module")
 def plant() -> MultibodyPlant:
-    return make_plant()
+    return make_arm()
 
 
 @pytest.fixture(scope="module")
@@ -98,19 +94,12 @@ def controller(plant) -> OperationalSpaceImpedanceController:
     return make_controller(plant, X_WT=X_WT_TILTED)
 
 
-def pose_in_task(plant, q, X_WT) -> RigidTransform:
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, q)
-    X_WE = plant.GetFrameByName("eraser_tip").CalcPoseInWorld(context)
-    return X_WT.inverse() @ X_WE
-
-
 def random_inputs(seed: int) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
     q = Q_START + 0.2 * rng.normal(size=7)
     return {
         "state": np.r_[q, 0.3 * rng.normal(size=7)],
-        "desired_position": pose_in_task(make_plant(), q, X_WT_TILTED).translation()
+        "desired_position": pose_in_task(make_arm(), q, X_WT_TILTED).translation()
         + 0.01 * rng.normal(size=3),
         "desired_velocity": 0.3 * rng.normal(size=3),
         "desired_acceleration": rng.normal(size=3),
@@ -422,7 +411,7 @@ def make_planar(plant: MultibodyPlant, **kwargs) -> OperationalSpaceImpedanceCon
 
 def test_an_arm_of_two_joints_is_controlled_too_by_the_same_compiled_code():
     controller = make_planar(planar_plant())
-    make_controller(make_plant())
+    make_controller(make_arm())
     assert len(impedance_step.signatures) == 1
     context = controller.CreateDefaultContext()
     inputs = {
@@ -690,9 +679,9 @@ class ClosedLoop:
         gravity: bool = False,
     ) -> None:
         builder = DiagramBuilder()
-        self.plant = builder.AddSystem(make_plant(gravity=gravity))
+        self.plant = builder.AddSystem(make_arm(gravity=gravity))
         self.controller = builder.AddSystem(
-            make_controller(make_plant(), config, X_WT, q_posture)
+            make_controller(make_arm(), config, X_WT, q_posture)
         )
         source = builder.AddSystem(Motion(motion))
         wrench = builder.AddSystem(ConstantVectorSource(feedforward_wrench))
@@ -709,7 +698,7 @@ class ClosedLoop:
         )
         builder.Connect(state, self.controller.GetInputPort("state"))
         if gravity:
-            self._model = make_plant()  # InverseDynamics does not keep it alive.
+            self._model = make_arm()  # InverseDynamics does not keep it alive.
             compensation = builder.AddSystem(
                 InverseDynamics(
                     self._model,
@@ -839,7 +828,7 @@ def test_the_feedforward_wrench_balances_an_opposite_push(p_start):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_poles_of_the_closed_loop_have_the_chosen_damping(damping_ratio, seed):
     """Six pairs with the task's ratio and one with the posture's, anywhere."""
-    plant = make_plant()
+    plant = make_arm()
     q0 = Q_START + 0.3 * np.random.default_rng(seed).normal(size=7)
     X_TE = pose_in_task(plant, q0, X_WT_TILTED)
     config = ImpedanceConfig(
@@ -891,10 +880,7 @@ def test_overshoot_of_every_mode_follows_its_damping_ratio(plant, p_start, mode)
     ratio = 0.4
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, Q_START)
-    E, W = plant.GetFrameByName("eraser_tip"), plant.world_frame()
-    J = plant.CalcJacobianSpatialVelocity(
-        context, JacobianWrtVariable.kV, E, np.zeros(3), W, W
-    )
+    J = jacobian(plant, context)
     Lambda = np.linalg.inv(J @ np.linalg.solve(plant.CalcMassMatrix(context), J.T))
     K = ImpedanceConfig().stiffness()
     squared, shapes = eigh(K, Lambda)
@@ -919,7 +905,7 @@ def test_overshoot_of_every_mode_follows_its_damping_ratio(plant, p_start, mode)
 
 
 def test_torque_and_its_rate_stay_in_their_limits_after_a_far_step(plant, p_start):
-    config = LoadRobot("panda").complete(
+    config = PANDA.complete(
         ImpedanceConfig(translational_stiffness=[5000.0] * 3, max_translation_error=1.0)
     )
     loop = ClosedLoop(hold(p_start + np.array([0.3, 0.2, -0.3])), config=config)
@@ -958,11 +944,7 @@ def test_a_target_out_of_reach_is_approached_without_a_runaway(p_start):
 def nullspace_direction(plant, q) -> np.ndarray:
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, q)
-    E, W = plant.GetFrameByName("eraser_tip"), plant.world_frame()
-    J = plant.CalcJacobianSpatialVelocity(
-        context, JacobianWrtVariable.kV, E, np.zeros(3), W, W
-    )
-    direction: np.ndarray = np.linalg.svd(J)[2][-1]
+    direction: np.ndarray = np.linalg.svd(jacobian(plant, context))[2][-1]
     return direction
 
 
