@@ -276,24 +276,24 @@ def AddRobot(
         "package.xml around it; those of a <collision> are .obj, .gltf or .vtk files, and a "
         "model needs no <visual>."
     )
-    if Path(config.model).suffix.lower() == ".xacro":
+    model = Path(config.model)
+    if model.suffix.lower() == ".xacro":
         raise StationError(
-            f"{Path(config.model).name} has macros; write the URDF that `xacro "
-            f"{Path(config.model).name} > {Path(config.model).stem}` makes of it, and name it as "
-            "the model."
+            f"{model.name} has macros; write the URDF that `xacro {model.name} > {model.stem}` "
+            "makes of it, and name it as the model."
         )
-    if Path(config.model).suffix.lower() == ".xml":
+    if model.suffix.lower() == ".xml":
         raise StationError(
-            f"{Path(config.model).name} is read as MJCF (MuJoCo), in which joints have no "
-            "velocity limits; give a URDF (.urdf) or SDF (.sdf) file with these limits."
+            f"{model.name} is read as MJCF (MuJoCo), in which joints have no velocity "
+            "limits; give a URDF (.urdf) or SDF (.sdf) file with these limits."
         )
-    if not Path(config.model).is_file():
+    if not model.is_file():
         raise StationError(
             f"there is no model {config.model}; give the path of a URDF or SDF file, "
             "relative to the robot's YAML file."
         )
-    with in_one_line(f"{Path(config.model).name} cannot be read", hint):
-        for folder in Path(config.model).absolute().parents[:3]:
+    with in_one_line(f"{model.name} cannot be read", hint):
+        for folder in model.absolute().parents[:3]:
             if (folder / "package.xml").is_file():
                 packages.AddPackageXml(str(folder / "package.xml"))
         if not packages.Contains("fmp_drake"):  # A copy of it may be around the model.
