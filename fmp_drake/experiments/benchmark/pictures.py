@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from fmp_drake.experiments.benchmark.built_in import FMP
 from fmp_drake.experiments.benchmark.splits import ALL, CYCLES
 from fmp_drake.numeric import Array
-from fmp_drake.plots.style import PLAYED, SAMPLED, series_style
+from fmp_drake.plots.style import PLAYED, SAMPLED, series_style, set_title
 
 COLUMNS = (*(f"{cycles:g}" for cycles in CYCLES), ALL)
 """Numbers of learned cycles, as text."""
@@ -107,7 +107,7 @@ def summarise_runs(
             cells.append(f"{summary(values, form)}{remark}")
         table.append([name, counts[name], *cells])
     for ax, title in zip(axes, titles, strict=False):
-        ax.set_title(title, loc="left", fontsize="medium")
+        set_title(ax, title)
         ax.spines[["top", "right"]].set_visible(False)
         if not ax.lines:
             ax.set_xticks([])

@@ -26,6 +26,7 @@ from fmp_drake.numeric import (
     finite_array,
 )
 from fmp_drake.primitives.data.channels import channel_indices
+from fmp_drake.primitives.data.windows import extent_of
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.movement_primitive import (
     FourierMovementPrimitive,
@@ -386,8 +387,7 @@ def modulate_skill(
         paths_=(),
     )
     samples = out.sample(_EXTENT_SAMPLES, with_noise=False)
-    extent = np.stack([samples.min(axis=(0, 1)), samples.max(axis=(0, 1))])
-    return copy_skill(out, extent_=extent)
+    return copy_skill(out, extent_=extent_of(list(samples)))
 
 
 def _cycle_factors(

@@ -388,7 +388,7 @@ def _sources(name: str, array: NDArray[Any]) -> list[str]:
     if array.dtype.kind in "OU":
         words = list(array)
         return words if all(isinstance(word, str) for word in words) else []
-    is_named = SOURCE_NAME.fullmatch(name.rsplit(".", 1)[-1]) is not None
+    is_named = _is_of(name, SOURCE_NAME)
     is_number = array.dtype.kind in "iuf" and bool(np.all(array % 1 == 0))
     return [f"{number:g}" for number in array] if is_named and is_number else []
 

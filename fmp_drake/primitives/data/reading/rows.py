@@ -57,7 +57,7 @@ def interpolated(
     if len(index) == 4 and np.count_nonzero(rows) > 1 and np.any(is_new):
         quaternions = values[np.ix_(rows, index)]
         values[np.ix_(is_new, index)] = slerp(time[is_new], time[rows], quaternions)
-    if names := ", ".join(name for k, name in enumerate(channels) if k in others):
+    if names := ", ".join(order[i] for i in others):
         remarks.append(f"{names} interpolated at the times of the position")
     return values, is_placed
 
