@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arm_loop import make_arm
 from numpy.testing import assert_allclose
 from pydrake.common.value import Value
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.multibody.plant import MultibodyPlant
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.station.robots.robot import AddRobot, LoadRobot
 from fmp_drake.systems.scripted_disturbances import Disturbance, ScriptedDisturbances
 
 # The frame B is that of the world, but for a rotation by 90 degrees about z.
@@ -30,10 +29,7 @@ GRASP = Disturbance(
 
 @pytest.fixture(scope="module")
 def plant():
-    plant = MultibodyPlant(0.001)
-    AddRobot(plant, LoadRobot("panda"))
-    plant.Finalize()
-    return plant
+    return make_arm()
 
 
 @pytest.fixture(scope="module")
