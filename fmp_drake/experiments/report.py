@@ -31,6 +31,11 @@ code { font-size: .8em; background: #f2f2f0; padding: .1rem .3rem; border-radius
 .verdict { font-weight: 600; padding: .1rem .5rem; border-radius: .3rem; }
 .wide { overflow-x: auto; }
 .yes { background: #d8f0dc; } .no { background: #f8dcd8; }
+/* On a phone pictures and tables scroll, and names in code break. */
+@media (max-width: 600px) {
+  h1 { overflow-wrap: anywhere; } .wide img { max-width: none; width: 720px; }
+  code { white-space: normal; overflow-wrap: anywhere; }
+}
 """
 
 # Greatest number of characters in the cells of a column that does not wrap.
@@ -145,6 +150,7 @@ def write_report(
         parts += [_finding(folder, finding) for finding in findings]
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{html.escape(title)}</title><style>{_STYLE}</style></head><body>"
         + "\n".join(parts)
         + "</body></html>\n"
@@ -205,6 +211,8 @@ def _verdict(finding: Finding) -> str:
 def _table(rows: Iterable[Iterable[str]], tag: str = "td") -> str:
     """Return a table of cells in HTML; the first row has another tag, if given."""
     cells = [list(row) for row in rows]
+    if not cells:
+        return ""
     lengths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = []
     for row in cells:
@@ -222,7 +230,8 @@ def _finding(folder: Path, finding: Finding) -> str:
     parts = [f'<h3 id="{html.escape(finding.name)}">{title}</h3>']
     if finding.figure is not None:
         data = base64.b64encode(_picture(folder, finding.name, finding.figure)).decode()
-        parts.append(f'<img alt="{title}" src="data:image/png;base64,{data}">')
+        image = f'<img alt="{title}" src="data:image/png;base64,{data}">'
+        parts.append(f'<div class="wide">{image}</div>')
     if finding.table is not None:
         parts.append(_table((map(_inline, row) for row in finding.table), "th"))
     parts.append(f"<p>{_inline(finding.shows)}</p>")

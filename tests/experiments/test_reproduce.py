@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from browser import Page, needs_chromium
 from matplotlib.text import Text
 
 from fmp_drake.errors import ExperimentError
@@ -231,6 +232,26 @@ def test_heads_of_columns_of_words_are_aligned_with_them(tmp_path):
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert '<th>trial</th><th class="words">reason</th>' in text
     assert f'<td>7</td><td class="words">{long}</td>' in text
+
+
+@pytest.mark.browser
+@needs_chromium
+def test_report_fits_a_phone_with_a_picture_that_can_be_read(tmp_path):
+    ring = Demonstration(time=np.arange(40) / 20, values=np.eye(40)[:, :2])
+    finding = Finding(
+        name="paths",
+        title="Paths",
+        shows=f"`fmp-drake benchmark {'recordings_of_a_hand/' * 5}`",
+        figure=draw_paths(ring, {"near": ring.values, "far": ring.values}),
+        table=[["number of cycles"] * 9, ["0.72 (0.48 to 0.87)"] * 9],
+    )
+    sections = [("Paths", [finding])]
+    write_report(tmp_path, sections=sections, introduction="", results={})
+    url = (tmp_path / "report.html").as_uri()
+    with Page(url, tmp_path, size=(390, 844), has_touch=True) as page:
+        page.wait_for("document.images.length === 1 && document.images[0].complete")
+        assert page.run("[innerWidth, document.documentElement.scrollWidth]") == [390] * 2
+        assert page.run("document.images[0].width") > 600
 
 
 def test_picture_of_paths_is_not_cut_off(tmp_path):
