@@ -19,7 +19,7 @@ import math
 import platform
 import tempfile
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -265,6 +265,17 @@ class Signal:
         if not np.all(np.isfinite(self.times)) or np.any(np.diff(self.times) < 0):
             raise RunError("times are not finite or not ascending")
 
+    def __repr__(self) -> str:
+        """Return the size, the unit and the names of the columns, without the numbers."""
+        count, columns = self.values.shape
+        span = f"{count} samples"
+        if count:
+            span += f" from {self.times[0]:g} to {self.times[-1]:g} s"
+        names = f": {', '.join(self.columns)}" if self.columns else ""
+        plural = "" if columns == 1 else "s"
+        unit = "" if self.unit == "1" else f" in {self.unit}"
+        return f"<Signal: {span}, {columns} column{plural}{unit}{names}>"
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunLog:
@@ -296,6 +307,14 @@ class RunLog:
     seed: int = 0
     versions: Mapping[str, str] = field(default_factory=lambda: current_versions())
     metrics: Mapping[str, float | str | None] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Return the names of the signals, without their samples."""
+        return f"<RunLog: {', '.join(self.signals) or 'no signals'}>"
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names of the signals, of which `in` tells whether one exists."""
+        return iter(self.signals)
 
     def __getitem__(self, name: str) -> Signal:
         """Return a signal by its name."""

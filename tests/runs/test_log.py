@@ -68,6 +68,25 @@ def test_loaded_log_equals_the_saved_one(signals, path):
     assert log["measured_position"].frame == "B"
 
 
+def test_a_log_names_its_signals(path):
+    log = RunLog.load(path)
+    assert repr(log) == "<RunLog: measured_position, torque, normal_force>"
+    assert list(log) == ["measured_position", "torque", "normal_force"]
+    assert ("torque" in log, "ink" in log, 0 in log) == (True, False, False)
+
+
+def test_a_signal_is_described_without_its_numbers(path):
+    log = RunLog.load(path)
+    assert repr(log["measured_position"]) == (
+        "<Signal: 50 samples from 0 to 0.049 s, 3 columns in m: x, y, z>"
+    )
+    assert repr(log["normal_force"]) == (
+        "<Signal: 5 samples from 0 to 0.04 s, 1 column in N: force>"
+    )
+    empty = Signal(times=np.zeros(0), values=np.zeros((0, 2)))
+    assert repr(empty) == "<Signal: 0 samples, 2 columns>"
+
+
 def test_a_log_from_temporary_files_is_the_same(signals, path, tmp_path):
     spills = {}
     for array in {id(a): a for pair in signals.values() for a in pair}.values():
