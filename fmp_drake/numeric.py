@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
+from os import PathLike
+from pathlib import Path
 from types import NoneType
 from typing import Any
 
@@ -163,6 +165,20 @@ def check_type(value: Any, what: str, kind: Any, *, error: type[FmpError]) -> No
         names = ["None" if k is NoneType else k.__name__ for k in kinds]
         text = " ".join(shown(value).split())
         raise error(f"{what} is {text}; its type must be {' or '.join(names)}.")
+
+
+def as_path(value: Any, what: str = "the path", *, error: type[FmpError]) -> Path:
+    """Return a path of a file; raise an error for what cannot be one."""
+    check_type(value, what, str | PathLike, error=error)
+    return Path(value)
+
+
+def as_paths(value: Any, what: str, *, error: type[FmpError]) -> list[Path]:
+    """Return one path, or several, as a list; raise an error for anything else."""
+    if isinstance(value, str | PathLike):
+        return [Path(value)]
+    check_type(value, what, str | PathLike | Iterable, error=error)
+    return [as_path(path, f"{what}[{i}]", error=error) for i, path in enumerate(value)]
 
 
 def as_flag(value: Any, what: str, *, error: type[FmpError] = SkillError) -> bool:

@@ -12,6 +12,7 @@ from typing import Any
 from pydrake.systems.framework import Context
 
 from fmp_drake.errors import RunError
+from fmp_drake.numeric import as_path
 from fmp_drake.primitives.data.files import FileFormat
 
 FORMAT = FileFormat(
@@ -48,7 +49,8 @@ def save_context(context: Context, path: str | Path) -> None:
             "has none after SetUseSampledOutputPorts(False), before Finalize()."
         )
     arrays = {name: vector.CopyToVector() for name, vector in _vectors(context)}
-    FORMAT.write(Path(path), {"time": context.get_time()}, arrays)
+    file = as_path(path, error=RunError)
+    FORMAT.write(file, {"time": context.get_time()}, arrays)
 
 
 def load_context(context: Context, path: str | Path) -> None:
@@ -71,7 +73,7 @@ def load_context(context: Context, path: str | Path) -> None:
     RunError
         If the file is missing, broken, newer, or of a diagram with other sizes.
     """
-    metadata, arrays = FORMAT.read(Path(path))
+    metadata, arrays = FORMAT.read(as_path(path, error=RunError))
     stored = {name: values.shape for name, values in arrays.items()}
     expected = {name: (vector.size(),) for name, vector in _vectors(context)}
     for name in sorted(stored.keys() | expected.keys()):

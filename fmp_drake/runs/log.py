@@ -32,7 +32,7 @@ from pydrake.systems.primitives import VectorLogSink
 
 from fmp_drake import __version__
 from fmp_drake.errors import RunError
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, as_path
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
 from fmp_drake.primitives.data.files import FileFormat
 
@@ -334,7 +334,7 @@ class RunLog:
         RunError
             If the file is missing, broken, not a log or from a newer version.
         """
-        metadata, arrays = FORMAT.read(Path(path))
+        metadata, arrays = FORMAT.read(as_path(path, error=RunError))
         try:
             return cls(
                 signals={

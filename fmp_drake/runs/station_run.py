@@ -18,6 +18,7 @@ from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 from fmp_drake.errors import RunError
 from fmp_drake.numeric import Array, Mask, check_number
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
+from fmp_drake.primitives.data.windows import demonstration_list
 from fmp_drake.primitives.model.trajectory_mixture import check_skill
 from fmp_drake.runs.events import RunEvent
 from fmp_drake.runs.log import (
@@ -130,7 +131,8 @@ class StationRun:
         self.seed = scenario.skill.seed if seed is None else seed
         if panel is not None:
             panel.show(**describe_page(scenario))
-        paths = [d.values for d in demonstrations] or list(skill.paths_)
+        shown = demonstration_list(demonstrations, "MakeRun(..., demonstrations=)")
+        paths = [d.values for d in shown] or list(skill.paths_)
         self.demonstrated = paths or [
             skill.synthesize(c.mean) for c in skill.components_
         ]

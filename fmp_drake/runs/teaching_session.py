@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import FmpError, RunError
-from fmp_drake.numeric import Array
+from fmp_drake.numeric import Array, as_path
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive, save_skill
 from fmp_drake.primitives.data.demonstration import check_ending
 from fmp_drake.primitives.data.files import (
@@ -28,6 +28,7 @@ from fmp_drake.skills import learn_skill
 from fmp_drake.station import CheckFeasibility, MakeStation, Scenario
 from fmp_drake.station.external_forces import TeachingHand
 from fmp_drake.station.page import BOARD
+from fmp_drake.station.scenario import check_scenario
 from fmp_drake.systems import PagePanel, draw_demonstrations
 from fmp_drake.systems.ink.grid import cleaned_fraction
 from fmp_drake.systems.mouse_hand import TURN_SWITCH
@@ -143,6 +144,9 @@ class TeachingSession:
         self._scenario, self._hand, self._panel = scenario, hand, panel
         self._meshcat = None if panel is None else panel.meshcat
         self._clock = clock
+        check_scenario(scenario, "TeachingSession(scenario, hand)")
+        out = as_path(out, "out", error=RunError)
+        skill_file = as_path(skill_file, "skill_file", error=RunError)
         check_names(scenario, out, skill_file)
         self._out, self._skill_file = out, skill_file
         self.skill: FourierMovementPrimitive | None = None

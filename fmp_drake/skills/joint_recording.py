@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError
+from fmp_drake.numeric import check_type
 from fmp_drake.primitives import Demonstration, add_orientation
 from fmp_drake.primitives.data.channels import (
     FORCE_CHANNEL,
@@ -54,6 +55,7 @@ def RobotJoints(
     needs_own_names : bool
         Whether names that other robots share, such as `q1`, are refused.
     """
+    check_type(demonstration, "demonstration", Demonstration, error=DemonstrationError)
     config = LoadRobot(robot)
     names = MakeRobotModel(config).joint_names
     if set(names) <= set(demonstration.channels):

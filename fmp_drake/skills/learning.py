@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from fmp_drake.errors import DemonstrationError, RunError
-from fmp_drake.numeric import Array, check_number
+from fmp_drake.numeric import Array, as_path, check_number
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
@@ -27,6 +27,7 @@ from fmp_drake.primitives.model.mapping import LruCache
 from fmp_drake.primitives.model.movement_primitive import ModelChoice
 from fmp_drake.skills.loading import load_on_board
 from fmp_drake.station import Scenario, models_dir
+from fmp_drake.station.scenario import check_scenario
 
 # Highest frequency of an intended force, Hz. Tremor has 8 to 12 Hz (J. H. McAuley, C.
 # D. Marsden, "Physiological and pathological tremors and rhythmic central motor
@@ -47,8 +48,9 @@ def bundled_demonstrations() -> list[str]:
 
 def default_demonstration(task: str = "wiping") -> Path:
     """Return the path of a bundled demonstration by its name, or a path unchanged."""
-    if Path(task).suffix or (task and Path(task).is_dir()):
-        return Path(task)
+    path = as_path(task, "the demonstration", error=DemonstrationError)
+    if path.suffix or (task and path.is_dir()):
+        return path
     if task not in bundled_demonstrations():
         raise DemonstrationError(
             f"there is no demonstration {task}; give a file or one of: "
@@ -89,6 +91,7 @@ def scenario_skill(
         Demonstrations of the skill; empty for a skill from a file.
     remarks : list of str
     """
+    check_scenario(scenario, "scenario_skill(scenario)")
     if skill_file is not None and demonstrations:
         raise RunError("give either --demo or --skill, not both.")
     config = scenario.skill

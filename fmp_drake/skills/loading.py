@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fmp_drake.errors import DemonstrationError, SkillFileError
-from fmp_drake.numeric import check_number
+from fmp_drake.numeric import as_paths, check_number
 from fmp_drake.primitives import Demonstration, ReadingOptions, read_demonstrations
 from fmp_drake.primitives.data.channels import POSITION_CHANNELS
 from fmp_drake.primitives.data.reading.parts import is_part
@@ -19,6 +19,7 @@ from fmp_drake.skills.surface_placement import (
     with_extra,
 )
 from fmp_drake.station import Scenario
+from fmp_drake.station.scenario import check_scenario
 
 
 def load_on_board(
@@ -42,7 +43,8 @@ def load_on_board(
     `find_rhythm`, is placed with the rest of its recording. Recordings of one movement in
     one frame are placed together, by `common_placement`.
     """
-    files = [Path(p) for p in ([paths] if isinstance(paths, str | Path) else paths)]
+    check_scenario(scenario, "load_on_board(paths, scenario=scenario)")
+    files = as_paths(paths, "paths", error=SkillFileError)
     demonstrations: list[Demonstration] = []
     remarks: list[str] = []
     if surface is None and extra:

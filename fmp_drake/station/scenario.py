@@ -14,6 +14,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
 from fmp_drake.errors import StationError
+from fmp_drake.numeric import as_path
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.eraser import FELT_DEPTH, FeltForceLimit
 from fmp_drake.station.models.model_files import models_dir
@@ -306,7 +307,7 @@ def LoadScenario(path: str | Path, *, robot: str | None = None) -> Scenario:
     >>> LoadScenario("vertical").skill.tempo
     0.9
     """
-    file = Path(path)
+    file = as_path(path, "the scenario", error=StationError)
     if file.suffix not in (".yaml", ".yml"):
         file = models_dir() / "scenarios" / f"{path}.yaml"
     if not file.is_file():

@@ -250,7 +250,9 @@ def test_report_fits_a_phone_with_a_picture_that_can_be_read(tmp_path):
     url = (tmp_path / "report.html").as_uri()
     with Page(url, tmp_path, size=(390, 844), has_touch=True) as page:
         page.wait_for("document.images.length === 1 && document.images[0].complete")
-        assert page.run("[innerWidth, document.documentElement.scrollWidth]") == [390] * 2
+        assert (
+            page.run("[innerWidth, document.documentElement.scrollWidth]") == [390] * 2
+        )
         assert page.run("document.images[0].width") > 600
 
 

@@ -29,6 +29,7 @@ from fmp_drake.primitives import (
     modulate_skill,
     read_demonstrations,
     scale_tempo,
+    skill_rotations,
     skill_spectrum,
     transform_space,
 )
@@ -188,6 +189,45 @@ WRONG = {
         "the time: 'end' cannot be read as real numbers",
     ),
     "tempo of a path": (lambda: scale_tempo("a", 2.0), r"scale_tempo\(skill\) needs"),
+    "motion at a time": (
+        lambda: player().motion(0.5),
+        r"a PlaybackState, which player.start\(position\) .* it is 0.5",
+    ),
+    "phase of a skill": (
+        lambda: player().phase(player().skill),
+        r"a PlaybackState, .* it is <FourierMovementPrimitive",
+    ),
+    "advanced nothing": (lambda: player().advance(None, 0.1), "it is None"),
+    "remapped a position": (lambda: player().remap([0.1, 0, 0]), "a PlaybackState"),
+    "plan from a time": (lambda: player().plan(0.5, 3), "a PlaybackState"),
+    "list of skill files": (
+        lambda: load_skill(["a.npz"]),
+        r"the path is \['a.npz'\]; its type must be str or PathLike",
+    ),
+    "saved nowhere": (
+        lambda: save_skill(player().skill, None),
+        "the path is None; its",
+    ),
+    "recording saved nowhere": (
+        lambda: recording().save(None),
+        "the path is None; its",
+    ),
+    "list of recordings as one": (
+        lambda: Demonstration.load(["a.npz"]),
+        r"the path is \['a.npz'\]; its type must be str or PathLike",
+    ),
+    "read nothing": (
+        lambda: read_demonstrations(None),
+        "paths is None; its type must be str or PathLike or Iterable",
+    ),
+    "read numbers": (
+        lambda: read_demonstrations([1]),
+        r"paths\[0\] is 1; its type must",
+    ),
+    "rotations of a path": (
+        lambda: skill_rotations("a.npz", [0, 0, 0]),
+        "skill_rotations.* needs a fitted skill.* it is 'a.npz'",
+    ),
     "spectrum of a path": (lambda: skill_spectrum("a"), r"skill_spectrum\(skill\) n"),
     "modulated path": (
         lambda: modulate_skill("a", harmonics=[1], gain=1),

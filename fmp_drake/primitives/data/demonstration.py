@@ -18,6 +18,8 @@ from fmp_drake.numeric import (
     GREATEST,
     Array,
     as_floats,
+    as_path,
+    as_paths,
     check_number,
     check_type,
     read_only,
@@ -286,7 +288,7 @@ class Demonstration:
         A `.csv` does not hold the frame. It is refused for rotation channels, whose
         reference it cannot hold.
         """
-        path = Path(path)
+        path = as_path(path, error=SkillFileError)
         check_ending(path, has_rotation=self.rotation_reference is not None)
         if path.suffix == ".npz":
             metadata = {name: getattr(self, name) for name in METADATA}
@@ -322,7 +324,9 @@ class Demonstration:
         DemonstrationError
             Where its numbers cannot be used, or it holds several demonstrations.
         """
-        demonstrations, _ = read_demonstrations([path], options)
+        demonstrations, _ = read_demonstrations(
+            as_path(path, error=SkillFileError), options
+        )
         if len(demonstrations) != 1:
             raise DemonstrationError(
                 f"{path} holds {len(demonstrations)} demonstrations; read them with "
@@ -496,7 +500,7 @@ def read_demonstrations(
     remarks: list[str] = []
     orientations: dict[int, tuple[Path, Array, Table]] = {}
     tables: list[tuple[Path, Table]] = []
-    for path in map(Path, [paths] if isinstance(paths, str | Path) else paths):
+    for path in as_paths(paths, "paths", error=SkillFileError):
         with _naming(path), np.errstate(all="ignore"):  # Infinite numbers are refused.
             tables += [
                 (path, table if table.saved else recognise_columns(table, options))

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import DemonstrationError, SkillError
-from fmp_drake.numeric import Array, as_floats, finite_array
+from fmp_drake.numeric import Array, as_floats, finite_array, shown
 from fmp_drake.primitives.data.channels import (
     ROTATION_CHANNELS,
     Quaternion,
@@ -181,6 +181,11 @@ def skill_rotations(skill: HasOrientation, values: ArrayLike) -> Rotation:
     SkillError
         Where the skill has no orientation, or the values have another shape.
     """
+    if not hasattr(skill, "rotation_reference_"):
+        raise SkillError(
+            "skill_rotations(skill, values) needs a fitted skill, such as "
+            f"FourierMovementPrimitive().fit(demonstrations); it is {shown(skill)}."
+        )
     reference = skill.rotation_reference_
     if reference is None:
         raise SkillError(

@@ -9,7 +9,7 @@ from typing import Any, get_type_hints
 import numpy as np
 
 from fmp_drake.errors import SkillFileError
-from fmp_drake.numeric import GREATEST, all_finite
+from fmp_drake.numeric import GREATEST, all_finite, as_path
 from fmp_drake.primitives.data.files import FileFormat
 from fmp_drake.primitives.model.low_rank_gaussian import LowRankGaussian
 from fmp_drake.primitives.model.movement_primitive import (
@@ -90,7 +90,7 @@ def save_skill(skill: FourierMovementPrimitive, path: str | Path) -> None:
         "phase": None if phase is None else _values_of(phase, _PHASE_NUMBERS),
     }
     FORMAT.write(
-        Path(path),
+        as_path(path, error=SkillFileError),
         metadata,
         {
             "proportions": skill.proportions_,
@@ -117,7 +117,7 @@ def load_skill(path: str | Path) -> FourierMovementPrimitive:
     SkillFileError
         If the file is missing, broken, foreign or from a newer version.
     """
-    path = Path(path)
+    path = as_path(path, error=SkillFileError)
     metadata, arrays = FORMAT.read(path)
     try:
         fitted = _fitted(metadata, arrays)

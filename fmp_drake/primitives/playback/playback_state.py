@@ -7,7 +7,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from fmp_drake.numeric import Array, check_number
+from fmp_drake.errors import SkillError
+from fmp_drake.numeric import Array, check_number, shown
 from fmp_drake.primitives.model.movement_primitive import FourierMovementPrimitive
 
 # Variance of the force at a start, as a factor of that of the movement.
@@ -94,6 +95,15 @@ class PlaybackState:
         root = self.tempo**2 + 2 * self.tempo_rate * interval
         speed = self.tempo + math.sqrt(root) if root >= 0 else 0.0
         return 2 * interval / speed if speed > 0 else math.inf
+
+    @classmethod
+    def check(cls, state: Any) -> None:
+        """Raise a SkillError where the argument of a playback is not one of its states."""
+        if not isinstance(state, cls):
+            raise SkillError(
+                "a playback continues from a PlaybackState, which player.start(position) "
+                f"and player.advance(state, seconds) return; it is {shown(state)}."
+            )
 
     def to_arrays(self) -> list[Array]:
         """Return weights, target, history and offset as vectors, then all numbers."""

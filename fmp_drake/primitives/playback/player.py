@@ -245,6 +245,7 @@ class Player:
 
     def advance(self, state: PlaybackState, seconds: float) -> PlaybackState:
         """Return the state some seconds of real time later, with all ticks and re-mappings."""
+        PlaybackState.check(state)
         tick, rounding = self.tick_seconds, _ROUNDING * self.tick_seconds
         seconds = float(as_floats(seconds, "seconds", ()))
         # A tick that is overdue is as long ago.
@@ -284,6 +285,7 @@ class Player:
             pushed off its path. The new motion meets them within 5 % of the movement's
             half width. The last desired values where None.
         """
+        PlaybackState.check(state)
         values, plan = state.history, self._remap_plan
         if observed is not None:
             values = finite_array(observed, "the observed values", state.history.shape)
@@ -520,6 +522,7 @@ class Player:
 
     def segment(self, state: PlaybackState) -> Segment:
         """Prepare the motion from a state to its next tick, for `segment_motion`."""
+        PlaybackState.check(state)
         return make_segment(self.skill, self.relaxations[state.component], state)
 
     def motion(self, state: PlaybackState) -> Motion:
@@ -545,6 +548,7 @@ class Player:
         SkillError
             Where the skill has no phase model.
         """
+        PlaybackState.check(state)
         model = self.skill.phase_model_
         if model is None:
             raise SkillError("the skill is a mixture, which has no phase.")

@@ -27,7 +27,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, JointActuator, ModelInstanceIndex
 
 from fmp_drake.errors import StationError
-from fmp_drake.numeric import Array, check_type
+from fmp_drake.numeric import Array, as_path, check_type
 from fmp_drake.settings import bounded, check_settings
 from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import (
@@ -190,7 +190,7 @@ def LoadRobot(robot: str | Path) -> RobotConfig:
     >>> len(LoadRobot("panda").posture)
     7
     """
-    file = Path(robot)
+    file = as_path(robot, "the robot", error=StationError)
     if file.suffix not in (".yaml", ".yml"):
         file = models_dir() / file / f"{file}.yaml"
     if not file.is_file():

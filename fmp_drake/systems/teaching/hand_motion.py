@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from fmp_drake.errors import SystemsError
-from fmp_drake.numeric import Array, check_number, read_only
+from fmp_drake.numeric import Array, check_number, finite_array, read_only
 from fmp_drake.systems.surface.surface import Surface
 
 Task = Literal["wiping", "polishing", "eight", "stirring", "pulsing"]
@@ -120,6 +120,12 @@ class HandMotion:
 
     position: Array
     channels: tuple[str, ...] = ("x", "y")
+
+    def __post_init__(self) -> None:
+        """Check the positions; a list becomes an array."""
+        shape = ("N", len(self.channels))
+        path = finite_array(self.position, "the positions", shape, error=SystemsError)
+        object.__setattr__(self, "position", path)
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Return the channels (D,) and their rates (D,) at a time in seconds.
