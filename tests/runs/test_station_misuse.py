@@ -21,7 +21,13 @@ from fmp_drake.skills import (
     load_on_board,
     scenario_skill,
 )
-from fmp_drake.station import LoadRobot, LoadScenario, MakeStation, SimulatedHand
+from fmp_drake.station import (
+    LoadRobot,
+    LoadScenario,
+    MakeStation,
+    SimulatedHand,
+    models_dir,
+)
 from fmp_drake.systems import HandMotion
 
 TIME = np.arange(0, 20, 0.05)
@@ -48,6 +54,10 @@ NO_PATH = "its type must be str or PathLike"
 WRONG = {
     "scenario of a list": (lambda: LoadScenario(["vertical"]), NO_PATH),
     "robot of nothing": (lambda: LoadRobot(None), f"the robot is None; {NO_PATH}"),
+    "robot of a model": (
+        lambda: LoadRobot(models_dir() / "panda" / "panda.urdf"),
+        "panda.urdf is not a YAML file; write one .* `model: panda.urdf`, `base` and",
+    ),
     "placed on a name": (
         lambda: load_on_board("a.npz", scenario="table_top"),
         NO_SCENARIO,

@@ -192,6 +192,11 @@ def LoadRobot(robot: str | Path) -> RobotConfig:
     """
     file = as_path(robot, "the robot", error=StationError)
     if file.suffix not in (".yaml", ".yml"):
+        if file.suffix and file.is_file():
+            raise StationError(
+                f"{robot} is not a YAML file; write one beside it, with the keys "
+                f"`model: {file.name}`, `base` and `flange`."
+            )
         file = models_dir() / file / f"{file}.yaml"
     if not file.is_file():
         raise StationError(
