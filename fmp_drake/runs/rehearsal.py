@@ -14,6 +14,9 @@ from fmp_drake.station.reach.feasibility import Feasibility
 
 REHEARSAL = 30.0
 """Simulated time of a rehearsal, s."""
+# Largest predicted tracking error that is rehearsed, in tolerances. Of 16 runs with 1.25 or
+# more one passed, with 1.25.
+_MOST_ERROR = 1.3
 
 
 def rehearse(scenario: Scenario, skill: FourierMovementPrimitive) -> list[Fault]:
@@ -82,7 +85,8 @@ def CheckWithRehearsal(
     """
     predicted = CheckFeasibility(scenario, skill, suggest=False)
     verdict = predicted.verdict
-    if predicted.is_doubtful:
+    most_error = _MOST_ERROR * scenario.tolerance
+    if predicted.is_doubtful and predicted.values["tracking_error"] <= most_error:
         if say is not None:
             say(
                 f"close to the bounds of the check; a rehearsal of {REHEARSAL:g} s decides"

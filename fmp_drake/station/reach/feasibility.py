@@ -48,8 +48,8 @@ class Feasibility:
     ----------
     is_feasible : bool
     is_doubtful : bool
-        Whether it is infeasible by predictions that may be wrong, and near its bounds, so that
-        only a run decides: see `fmp_drake.runs.CheckWithRehearsal`.
+        Whether it is infeasible only by predictions of the motion, which may be wrong: see
+        `fmp_drake.runs.CheckWithRehearsal`.
     verdict : str
         One line: the decisive numbers and, where it was requested, the smallest change
         with which the check passes.
@@ -267,10 +267,9 @@ class _Check:
             verdict += f" It never comes nearer to the board than {lowest:.0f} mm."
         if self._faults:
             verdict = f"The arm cannot follow this skill: {'; '.join(self._faults)}."
-        is_near = bool(values["tracking_error"] <= scenario.tolerance)
         return Feasibility(
             is_feasible=not self._faults,
-            is_doubtful=is_near and 0 < len(self._faults) == len(self._doubtful),
+            is_doubtful=0 < len(self._faults) == len(self._doubtful),
             verdict=verdict,
             values={name: float(value) for name, value in values.items()},
             start=np.array(scenario.start),
@@ -470,7 +469,7 @@ class _Check:
         if not self._scenario.has_board:
             return {"largest_torque_ratio": ratio}
         if friction_lag > tolerance:
-            self._faults.append(
+            self._doubt(
                 f"at a normal force of {force:.3g} N friction holds the eraser "
                 f"{1e3 * friction_lag:.1f} mm rms behind its path"
             )
