@@ -91,7 +91,7 @@ def test_rehearsal_that_fails_gives_its_reason(skill, rehearsed, suggest):
 
 
 def test_rehearsal_simulates_other_samples(skill, monkeypatch):
-    monkeypatch.setattr(rehearsal, "REHEARSAL", 2.0)
+    monkeypatch.setattr(rehearsal, "_ENDS", (2.0, 3.0))
     made, make = [], rehearsal.MakeRun
 
     def make_run(*args, **options):
@@ -102,9 +102,10 @@ def test_rehearsal_simulates_other_samples(skill, monkeypatch):
     assert rehearse(table(), skill) == []
     (run,) = made
     assert run.seed == run.scenario.skill.seed + 1
-    assert run.simulator.get_context().get_time() == pytest.approx(2.0)
+    assert run.simulator.get_context().get_time() == pytest.approx(3.0)
     (fault, *_) = rehearse(table(tempo=4.0), skill)
     assert fault.kind == "path"
+    assert made[1].simulator.get_context().get_time() == pytest.approx(2.0)
 
 
 def test_run_that_breaks_off_is_a_fault(skill):
