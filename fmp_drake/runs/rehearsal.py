@@ -106,7 +106,7 @@ def CheckWithRehearsal(
                 f"{verdict.partition(': ')[2]}"
             )
             return replace(predicted, is_feasible=True, verdict=verdict)
-        verdict += f" A rehearsal of {REHEARSAL:g} s agrees: {found[0].text}."
+        verdict += f" A rehearsal agrees: {found[0].text}."
     if predicted.is_feasible or not suggest:
         return replace(predicted, verdict=verdict)
     checked = CheckFeasibility(scenario, skill)

@@ -84,7 +84,7 @@ def test_rehearsal_that_fails_gives_its_reason(skill, rehearsed, suggest):
     scenario = table(tempo=2.0)
     feasibility = CheckWithRehearsal(scenario, skill, suggest=suggest)
     assert not feasibility.is_feasible
-    reason = "A rehearsal of 30 s agrees: follows its path to 12 mm rms."
+    reason = "A rehearsal agrees: follows its path to 12 mm rms."
     assert reason in feasibility.verdict
     assert ("What would help: slow down" in feasibility.verdict) == suggest
     assert bool(feasibility.suggestion) == suggest
