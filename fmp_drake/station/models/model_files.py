@@ -253,3 +253,27 @@ def _six_digits(inertia: SpatialInertia) -> SpatialInertia:
     return SpatialInertia.MakeFromCentralInertia(
         mass, np.array([x, y, z]), RotationalInertia(*moments)
     )
+
+
+def check_model_file(model: Path) -> None:
+    """Check that there is a URDF or SDF file of a robot.
+
+    Raises
+    ------
+    StationError
+    """
+    if model.suffix.lower() == ".xacro":
+        raise StationError(
+            f"{model.name} has macros; write the URDF that `xacro {model.name} > {model.stem}` "
+            "makes of it, and name it as the model."
+        )
+    if model.suffix.lower() == ".xml":
+        raise StationError(
+            f"{model.name} is read as MJCF (MuJoCo), in which joints have no velocity "
+            "limits; give a URDF (.urdf) or SDF (.sdf) file with these limits."
+        )
+    if not model.is_file():
+        raise StationError(
+            f"there is no model {model}; give the path of a URDF or SDF file, "
+            "relative to the robot's YAML file."
+        )

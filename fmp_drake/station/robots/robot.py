@@ -33,6 +33,7 @@ from fmp_drake.station.models.eraser import AddEraser
 from fmp_drake.station.models.model_files import (
     check_free_name,
     check_limit_order,
+    check_model_file,
     models_dir,
     name_is_taken,
     named_joints,
@@ -282,21 +283,7 @@ def AddRobot(
         "model needs no <visual>."
     )
     model = Path(config.model)
-    if model.suffix.lower() == ".xacro":
-        raise StationError(
-            f"{model.name} has macros; write the URDF that `xacro {model.name} > {model.stem}` "
-            "makes of it, and name it as the model."
-        )
-    if model.suffix.lower() == ".xml":
-        raise StationError(
-            f"{model.name} is read as MJCF (MuJoCo), in which joints have no velocity "
-            "limits; give a URDF (.urdf) or SDF (.sdf) file with these limits."
-        )
-    if not model.is_file():
-        raise StationError(
-            f"there is no model {config.model}; give the path of a URDF or SDF file, "
-            "relative to the robot's YAML file."
-        )
+    check_model_file(model)
     with in_one_line(f"{model.name} cannot be read", hint):
         for folder in model.absolute().parents[:3]:
             if (folder / "package.xml").is_file():
