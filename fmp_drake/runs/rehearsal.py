@@ -1,6 +1,6 @@
 """Rehearsal: a simulated run that decides where the prediction of a check is doubtful."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from pydrake.common.yaml import yaml_dump_typed
@@ -64,8 +64,8 @@ def CheckWithRehearsal(
     """Check a skill on a board, and rehearse it where the prediction is doubtful.
 
     Close to its bounds `CheckFeasibility` cannot tell whether joints that are braked, or poses
-    that are nearly singular or out of reach, disturb a run too much. A rehearsal decides
-    then; it takes about 15 s.
+    that are nearly singular or out of reach, disturb a run too much. A rehearsal of at most
+    `REHEARSAL` decides then.
 
     Parameters
     ----------
@@ -91,24 +91,42 @@ def CheckWithRehearsal(
     True
     """
     predicted = CheckFeasibility(scenario, skill, suggest=False)
-    verdict = predicted.verdict
-    most_error = _MOST_ERROR * scenario.tolerance
-    if predicted.is_doubtful and predicted.values["tracking_error"] <= most_error:
+    is_feasible, verdict = predicted.is_feasible, predicted.verdict
+    if _is_close(predicted, scenario.tolerance):
         if say is not None:
             say(
                 f"close to the bounds of the check; a rehearsal of {REHEARSAL:g} s decides"
             )
         found = rehearse(scenario, skill)
-        if not found:
-            verdict = (
-                f"The arm can follow this skill: a rehearsal of {REHEARSAL:g} s stays within "
-                "all bounds, but close to them. What was predicted: "
-                f"{verdict.partition(': ')[2]}"
-            )
-            return replace(predicted, is_feasible=True, verdict=verdict)
-        verdict += f" A rehearsal agrees: {found[0].text}."
-    if predicted.is_feasible or not suggest:
-        return replace(predicted, verdict=verdict)
-    checked = CheckFeasibility(scenario, skill)
-    remedy = checked.verdict.removeprefix(predicted.verdict)
-    return replace(checked, verdict=verdict + remedy)
+        is_feasible, verdict = not found, _decided(predicted, found)
+    if suggest and not (predicted.is_feasible or is_feasible):
+        checked = CheckFeasibility(scenario, skill)
+        remedy = checked.verdict.removeprefix(predicted.verdict)
+        return replace(checked, verdict=verdict + remedy)
+    return replace(predicted, is_feasible=is_feasible, verdict=verdict)
+
+
+def _is_close(predicted: Feasibility, tolerance: float) -> bool:
+    """Return whether a prediction is so close to its bounds that only a run decides."""
+    if predicted.is_feasible:
+        return predicted.values.get("unsteady_fraction", 0.0) > 0
+    most_error = _MOST_ERROR * tolerance
+    return predicted.is_doubtful and predicted.values["tracking_error"] <= most_error
+
+
+def _decided(predicted: Feasibility, found: Sequence[Fault]) -> str:
+    """Return the verdict of a prediction and a rehearsal with the given faults."""
+    if found and predicted.is_feasible:
+        return (
+            f"The arm cannot follow this skill, as a rehearsal shows: {found[0].text}. "
+            "A slower tempo or another place of the board may help."
+        )
+    if found:
+        return f"{predicted.verdict} A rehearsal agrees: {found[0].text}."
+    if predicted.is_feasible:
+        return f"{predicted.verdict} A rehearsal of {REHEARSAL:g} s agrees."
+    return (
+        f"The arm can follow this skill: a rehearsal of {REHEARSAL:g} s stays within all "
+        "bounds, but close to them. What was predicted: "
+        f"{predicted.verdict.partition(': ')[2]}"
+    )

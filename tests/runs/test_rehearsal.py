@@ -1,5 +1,7 @@
 """Facts about rehearsals: what the check cannot tell, a simulated run decides."""
 
+from dataclasses import replace
+
 import pytest
 
 from fmp_drake.runs import rehearsal
@@ -88,6 +90,25 @@ def test_rehearsal_that_fails_gives_its_reason(skill, rehearsed, suggest):
     assert reason in feasibility.verdict
     assert ("What would help: slow down" in feasibility.verdict) == suggest
     assert bool(feasibility.suggestion) == suggest
+
+
+@pytest.mark.parametrize("goes_well", [True, False])
+def test_disturbed_force_is_rehearsed_though_the_check_passes(
+    skill, rehearsed, monkeypatch, goes_well
+):
+    # Braked joints disturb the force for a moment.
+    feasibility = CheckFeasibility(table(), skill)
+    values = feasibility.values | {"unsteady_fraction": 5e-4}
+    disturbed = replace(feasibility, values=values)
+    monkeypatch.setattr(rehearsal, "CheckFeasibility", lambda *_, **__: disturbed)
+    if not goes_well:
+        rehearsed[1].append(Fault("press", 1.1, "presses too little"))
+    feasibility = CheckWithRehearsal(table(), skill)
+    assert len(rehearsed[0]) == 1
+    assert feasibility.is_feasible == goes_well
+    text = "A rehearsal of 30 s agrees." if goes_well else "shows: presses too little."
+    assert text in feasibility.verdict
+    assert "The arm can follow" in feasibility.verdict or not goes_well
 
 
 def test_rehearsal_simulates_other_samples(skill, monkeypatch):
