@@ -19,6 +19,8 @@ _ENDS = (10.0, 20.0, REHEARSAL)
 # Largest predicted tracking error that is rehearsed, in tolerances. Of 16 runs with 1.25 or
 # more one passed, with 1.25.
 _MOST_ERROR = 1.3
+# Least number of windows of the skill in a rehearsal.
+_LEAST_WINDOWS = 2
 
 
 def rehearse(scenario: Scenario, skill: FourierMovementPrimitive) -> list[Fault]:
@@ -65,7 +67,8 @@ def CheckWithRehearsal(
 
     Close to its bounds `CheckFeasibility` cannot tell whether joints that are braked, or poses
     that are nearly singular or out of reach, disturb a run too much. A rehearsal of at most
-    `REHEARSAL` decides then.
+    `REHEARSAL` decides then, if that is long enough for two windows of the skill and for a cycle
+    of a board on its rail.
 
     Parameters
     ----------
@@ -92,7 +95,7 @@ def CheckWithRehearsal(
     """
     predicted = CheckFeasibility(scenario, skill, suggest=False)
     is_feasible, verdict = predicted.is_feasible, predicted.verdict
-    if _is_close(predicted, scenario.tolerance):
+    if _is_close(predicted, scenario.tolerance) and _is_long_enough(scenario, skill):
         if say is not None:
             say(
                 f"close to the bounds of the check; a rehearsal of {REHEARSAL:g} s decides"
@@ -112,6 +115,14 @@ def _is_close(predicted: Feasibility, tolerance: float) -> bool:
         return predicted.values.get("unsteady_fraction", 0.0) > 0
     most_error = _MOST_ERROR * tolerance
     return predicted.is_doubtful and predicted.values["tracking_error"] <= most_error
+
+
+def _is_long_enough(scenario: Scenario, skill: FourierMovementPrimitive) -> bool:
+    """Return whether a rehearsal visits most of what a run does."""
+    rail = scenario.board.motion
+    windows = REHEARSAL * scenario.skill.tempo * skill.rate / skill.n_steps
+    has_cycle = rail.amplitude == 0 or REHEARSAL * rail.frequency >= 1
+    return windows >= _LEAST_WINDOWS and has_cycle
 
 
 def _decided(predicted: Feasibility, found: Sequence[Fault]) -> str:

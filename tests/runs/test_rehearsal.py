@@ -70,6 +70,29 @@ def test_certain_verdicts_are_not_rehearsed(scenario, skill, rehearsed):
     assert scenarios == []
 
 
+@pytest.mark.parametrize(
+    ("tempo", "frequency", "is_rehearsed"),
+    [
+        (1.0, 0.1, True),
+        (0.0, 0.1, False),  # The arm would stay at the start.
+        (0.25, 0.1, False),  # One window and a quarter.
+        (1.0, 0.02, False),  # The board would not come back.
+    ],
+)
+def test_prediction_decides_where_a_rehearsal_is_too_short(
+    skill, rehearsed, tempo, frequency, is_rehearsed
+):
+    scenario = table(tempo=tempo, x=0.71)
+    scenario.board.motion.axis = [1.0, 0.0, 0.0]
+    scenario.board.motion.amplitude = 0.05
+    scenario.board.motion.frequency = frequency
+    predicted = CheckFeasibility(scenario, skill, suggest=False)
+    assert predicted.is_doubtful
+    feasibility = CheckWithRehearsal(scenario, skill, suggest=False)
+    assert feasibility.is_feasible == is_rehearsed
+    assert len(rehearsed[0]) == is_rehearsed
+
+
 def test_rehearsal_that_goes_well_decides(skill, rehearsed):
     said = []
     feasibility = CheckWithRehearsal(table(tempo=2.0), skill, say=said.append)
