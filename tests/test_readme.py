@@ -107,6 +107,18 @@ def test_figures_of_trials_are_those_of_their_page():
     assert [run, feasible] == counts["refused", True].tolist()
     assert refused == run + counts["refused", False][0]
     assert number == accepted + refused
+    rehearsed = page.split("\n## ")[2]
+    rows = re.findall(
+        r"^\| (accepted|refused).* \| (\d+) \| \d+ \| (\d+) \|$",
+        rehearsed,
+        re.MULTILINE,
+    )
+    refused = [[int(n) for n in row[1:]] for row in rows if row[0] == "refused"]
+    number, *claimed = readme_claims(
+        r"Of (\d+) later ones, .* (\d+) are refused, and (\d+) of these pass"
+    )
+    assert number == sum(int(trials) for _, trials, _ in rows)
+    assert claimed == np.sum(refused, axis=0).tolist()
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
