@@ -12,13 +12,13 @@ from fmp_drake.apps.options import command, option
 from fmp_drake.apps.page import make_console, make_progress
 from fmp_drake.errors import FmpError
 from fmp_drake.experiments.trials import TrialSpec, TrialStore, run_trials
-from fmp_drake.experiments.trials.running import failure, replay_trial
+from fmp_drake.experiments.trials.running import replay_trial
 from fmp_drake.experiments.trials.store import check_parquet
 from fmp_drake.experiments.trials.trials_report import TrialsReport
 from fmp_drake.film import check_film
 from fmp_drake.primitives.data.files import check_writable
 from fmp_drake.processes import ClusterWorkers, LocalWorkers, Workers
-from fmp_drake.runs.judging import faults
+from fmp_drake.runs.judging import failure, faults
 
 
 @dataclass(frozen=True, kw_only=True)

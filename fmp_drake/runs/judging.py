@@ -67,6 +67,11 @@ class RunResult:
         return self.fields["board"].get("shape") != "none"
 
 
+def failure(error: BaseException) -> str:
+    """Return an exception in one line, as a `RunResult` has it."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
 class Fault(NamedTuple):
     """Violation of a limit or of a requirement.
 

@@ -7,14 +7,15 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from fmp_drake.errors import FmpError
 from fmp_drake.primitives import FourierMovementPrimitive
-from fmp_drake.runs.judging import Fault, RunResult, faults
+from fmp_drake.runs.judging import Fault, RunResult, failure, faults
 from fmp_drake.runs.station_run import MakeRun
 from fmp_drake.station import CheckFeasibility, Scenario
 from fmp_drake.station.reach.feasibility import Feasibility
 
 REHEARSAL = 30.0
 """Simulated time of a rehearsal, s."""
-# Times at which it ends if it has faults by then, s: none of 21 that had went well later.
+# Times at which it ends if it has faults by then, s. None of 21 runs with such faults was
+# well at 30 s.
 _ENDS = (10.0, 20.0, REHEARSAL)
 # Largest predicted tracking error that is rehearsed, in tolerances. Of 16 runs with 1.25 or
 # more one passed, with 1.25.
@@ -51,7 +52,7 @@ def rehearse(scenario: Scenario, skill: FourierMovementPrimitive) -> list[Fault]
             if found := faults(result, time):
                 break
     except (FmpError, RuntimeError) as error:
-        result.error = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        result.error = failure(error)
         found = faults(result)
     return found
 

@@ -22,6 +22,7 @@ from fmp_drake.experiments.trials.store import Trial, TrialStore
 from fmp_drake.primitives.data.files import write_text
 from fmp_drake.processes import Workers, run_tasks
 from fmp_drake.runs import CheckWithRehearsal, MakeRun, StationRun
+from fmp_drake.runs.judging import failure
 from fmp_drake.skills.learning import shared_skill
 from fmp_drake.station import ParseScenario, models_dir
 
@@ -110,11 +111,6 @@ def run_trial(trial: Trial, *, duration: float, force: bool) -> Trial:
         trial.error = failure(error)
     trial.cpu_seconds = time.process_time() - begin
     return trial
-
-
-def failure(error: BaseException) -> str:
-    """Return an exception in one line, as trials store it."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def _run(trial: Trial, duration: float, force: bool) -> None:

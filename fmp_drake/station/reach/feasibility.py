@@ -48,7 +48,7 @@ class Feasibility:
     ----------
     is_feasible : bool
     is_doubtful : bool
-        Whether it is infeasible only by predictions of the motion, which may be wrong: see
+        Whether only predictions of the motion, which may be wrong, speak against it: see
         `fmp_drake.runs.CheckWithRehearsal`.
     verdict : str
         One line: the decisive numbers and, where it was requested, the smallest change

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial import KDTree
 
-from fmp_drake.numeric import Array, Indices, runs
+from fmp_drake.numeric import Array, Indices, rms, runs
 from fmp_drake.primitives.model.phase.rhythm import Part
 
 # Least length of a pause, samples, its speed relative to the root mean square, and samples
@@ -179,5 +179,5 @@ def _rests(path: Array) -> list[tuple[int, int]]:
     """Return start and end of the intervals in which a path (n, D) rests."""
     velocity = uniform_filter1d(np.gradient(path, axis=0), _SMOOTHED, axis=0)
     speed = np.linalg.norm(velocity, axis=1)
-    is_slow = speed < _SPEED * np.sqrt(np.mean(speed**2))
+    is_slow = speed < _SPEED * rms(speed)
     return [(a, b) for a, b in runs(is_slow) if b - a >= _LEAST]
