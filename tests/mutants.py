@@ -37,7 +37,7 @@ NEAREST = {
     "station/reach/deviation_prediction.py": "station/test_deviation_prediction.py "
     "station/test_push_prediction.py",
     "runs/metrics.py": "runs/test_metrics.py",
-    "runs/judging.py": "experiments/test_trials.py -k 'fault or judged'",
+    "runs/judging.py": "runs/test_judging.py",
     "systems/panda/gate.py": "systems/test_torque_gate.py systems/test_plausibility.py",
     "systems/panda/arm_status.py": "systems/test_plausibility.py systems/test_torque_gate.py",
     "runs/arm_bench.py": "runs/test_arm_bench.py",
