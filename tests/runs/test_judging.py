@@ -183,6 +183,16 @@ def test_largest_of_several_pushes_counts():
     assert largest_push(result(text)) == pytest.approx(12.0)
 
 
+@pytest.mark.parametrize(
+    ("force", "found"), [(0.0, []), (0.5, ["press"]), (9.0, ["press"])]
+)
+@pytest.mark.parametrize(
+    "name", ["normal_force_wanted_fraction", "desired_contact_fraction"]
+)
+def test_contact_is_judged_where_a_normal_force_is_desired(force, found, name):
+    assert kinds(result(f"press: {{force: {force}}}", **{name: 0.5})) == found
+
+
 def test_path_is_missed_only_by_height_if_the_distance_on_the_board_is_small():
     for whole, on_board, misses in (
         (0.011, 0.009, True),
@@ -204,6 +214,7 @@ def test_metrics_of_older_versions_stand_in_for_newer_ones():
     assert undisturbed_force_fraction(result(contact_fraction=0)) == 0.0
     unknown = result(normal_force_wanted_fraction=None)
     assert math.isnan(undisturbed_force_fraction(unknown))
+    assert faults(unknown) == []
     no_run = replace(older, metrics=None)
     assert on_board_rms(no_run) == 0.0
     assert math.isnan(undisturbed_force_fraction(no_run))
