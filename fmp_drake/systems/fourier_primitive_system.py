@@ -137,7 +137,7 @@ class FourierPrimitiveSystem(LeafSystem):
         Duration of a push before the measured motion is mapped, s.
     plan_seconds : float
         Length of the plan, s; at most 600.
-    choice : CoverageChoice, optional
+    choice : fmp_drake.systems.ink.grid.CoverageChoice, optional
         Choice of the sample that passes over the most ink until the next re-mapping, at
         the start and after each re-mapping. For skills of 3 position channels in the
         frame of the board.
@@ -280,10 +280,11 @@ class FourierPrimitiveSystem(LeafSystem):
     # State --------------------------------------------------------------------
 
     def playback_state(self, context: Context) -> PlaybackState:
-        """Return the state of the playback at the time of a context.
+        """Return the state of the playback at the time of a context of this system.
 
         Where the time has been set back before the last event, it is that of this event.
         """
+        self.ValidateContext(context)
         elapsed = max(context.get_time() - self._last_event(context), 0.0)
         return self._player.advance(self._read(context), elapsed)
 

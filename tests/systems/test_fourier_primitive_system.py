@@ -291,6 +291,20 @@ def test_ticks_of_any_rate_meet_their_remappings_for_long(small_skill, rate):
     assert (state.step, state.remaps) == (10, 200)
 
 
+def test_state_is_not_read_from_the_context_of_the_diagram(small_skill, start):
+    builder = DiagramBuilder()
+    for i in range(2):
+        primitive = FourierPrimitiveSystem(small_skill)
+        builder.AddNamedSystem(f"primitive_{i}", primitive)
+        source = builder.AddSystem(ConstantVectorSource(start))
+        builder.Connect(source.get_output_port(), primitive.get_input_port(0))
+    context = builder.Build().CreateDefaultContext()
+    # It would be that of the first primitive.
+    with pytest.raises(RuntimeError, match="Context"):
+        primitive.playback_state(context)
+    assert primitive.playback_state(primitive.GetMyContextFromRoot(context)).remaps == 0
+
+
 def test_state_taken_from_a_context_does_not_change_later(system, start):
     simulator = simulator_at(system, start)
     state = system.playback_state(simulator.get_context())
