@@ -101,8 +101,8 @@ class InkBoard(LeafSystem):
     Raises
     ------
     SystemsError
-        If the ink does not fit the grid, a number is out of range, or a body has
-        no collision geometry.
+        If the ink does not fit the grid, a number is out of range, the frames are on one
+        body, or a body has no collision geometry.
 
     Examples
     --------
@@ -163,6 +163,12 @@ class InkBoard(LeafSystem):
         check_number(period, "period", above=0, unit="s", error=SystemsError)
         for what, frame in (("eraser", eraser), ("surface", surface)):
             check_frame(frame, what, plant, error=SystemsError)
+        if eraser.body().index() == surface.body().index():
+            raise SystemsError(
+                f"eraser {eraser.name()} and surface {surface.name()} are both on the body "
+                f"'{surface.body().name()}', which cannot rub itself; give frames of two "
+                "bodies."
+            )
         check_type(grid, "grid", InkGrid, error=SystemsError)
         self._eraser, self._surface = (
             (int(frame.body().index()), frame.GetFixedPoseInBodyFrame())

@@ -528,6 +528,13 @@ def test_a_frame_of_another_plant_is_refused(name):
         InkBoard(plant=plant, grid=GRID, **frames)
 
 
+def test_an_eraser_on_the_body_of_the_board_is_refused():
+    builder = DiagramBuilder()
+    plant, eraser, _ = make_plant(builder)
+    with pytest.raises(SystemsError, match=f"are both on the body '{eraser.name()}'"):
+        add_ink(builder, plant, eraser, eraser.body_frame())
+
+
 def test_a_body_that_cannot_touch_is_refused():
     builder = DiagramBuilder()
     plant, _, surface = make_plant(builder)

@@ -616,6 +616,11 @@ def test_inline_page_shows_its_size_as_text():
     assert repr(InlinePage("x" * 2_340_000)) == "InlinePage of 2.3 MB"
 
 
+def test_a_meshcat_in_place_of_its_page_is_refused():
+    with pytest.raises(SystemsError, match=r"html is .*; its type must be str"):
+        InlinePage(Meshcat())
+
+
 def test_server_without_its_program_prints_nothing():
     server = subprocess.Popen(
         [sys.executable, page_server.__file__, hidden_meshcat().web_url(), "localhost"],

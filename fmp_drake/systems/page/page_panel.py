@@ -17,6 +17,7 @@ from typing import Literal, TypedDict, Unpack
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from fmp_drake.errors import SystemsError
+from fmp_drake.numeric import check_type
 from fmp_drake.processes import uninterrupted_start
 from fmp_drake.systems.page.page_server import with_panel
 
@@ -315,6 +316,11 @@ class InlinePage:
     height : int
         Pixels.
 
+    Raises
+    ------
+    SystemsError
+        If the page is not text, for example a Meshcat itself.
+
     Examples
     --------
     >>> page = InlinePage("<p>nothing to see</p>", height=50)
@@ -324,6 +330,7 @@ class InlinePage:
     """
 
     def __init__(self, html: str, *, height: int = 400) -> None:
+        check_type(html, "html", str, error=SystemsError)
         self._html = html
         self._height = height
 
