@@ -187,10 +187,11 @@ class OperationalSpaceImpedanceController(LeafSystem):
 
     Output ports:
 
-    - ``torque`` (n): Nm, without gravity. It is discrete state: zero at first, then
-      updated every ``config.control_period``, within the plant's effort limits, also
-      together with the torque that carries the plant's weight, and the configured
-      rate.
+    - ``torque`` (n): Nm, without gravity: disable gravity for the arm in a simulated plant
+      (`MultibodyPlant.set_gravity_enabled`), or add the torque that carries its weight, as
+      a real arm does. It is discrete state: zero at first, then updated every
+      ``config.control_period``, within the plant's effort limits, also together with the
+      torque that carries the plant's weight, and the configured rate.
     - ``measured_position`` (3): p_TE, m, in T.
     - ``measured_velocity`` (3): of E's origin relative to T, m/s, in T.
     - ``tracking_error`` (6): from the measured to the desired pose at the inputs, a
