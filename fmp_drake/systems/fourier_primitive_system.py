@@ -288,6 +288,36 @@ class FourierPrimitiveSystem(LeafSystem):
         elapsed = max(context.get_time() - self._last_event(context), 0.0)
         return self._player.advance(self._read(context), elapsed)
 
+    def set_playback_state(self, context: Context, state: PlaybackState) -> None:
+        """Store a playback as of the time of a context of this system.
+
+        A simulation continues it, also from its beginning. The motion does not jump where the
+        state is one of `playback_state`, changed by the methods of `player`.
+
+        Parameters
+        ----------
+        context : Context
+        state : PlaybackState
+            Of a player of the same skill.
+
+        Raises
+        ------
+        SystemsError
+            If its arrays do not have the sizes of the skill.
+        """
+        self.ValidateContext(context)
+        PlaybackState.check(state)
+        values = context.get_mutable_discrete_state()
+        sizes = [array.size for array in state.to_arrays()]
+        wanted = [values.value(index).size for index in self._playback]
+        if sizes != wanted:
+            raise SystemsError(
+                f"{self.get_name()}: the arrays of the playback have the sizes {sizes}, those "
+                f"of this skill {wanted}; give a playback of the same skill."
+            )
+        events = (context.get_time(), -math.inf, math.inf, 0.0, math.inf)
+        self._store(values, state, events=events, measurements=state.history)
+
     def _last_event(self, context: Context) -> float:
         """Return the time of the last event, s; now where there was none."""
         last = float(context.get_discrete_state().value(self._events)[0])

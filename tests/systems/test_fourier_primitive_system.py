@@ -13,10 +13,11 @@ from pydrake.systems.analysis import (
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from fmp_drake.errors import SystemsError
+from fmp_drake.errors import SkillError, SystemsError
 from fmp_drake.primitives import (
     Demonstration,
     FourierMovementPrimitive,
+    Keypoint,
     LqrTracker,
     Player,
 )
@@ -303,6 +304,51 @@ def test_state_is_not_read_from_the_context_of_the_diagram(small_skill, start):
     with pytest.raises(RuntimeError, match="Context"):
         primitive.playback_state(context)
     assert primitive.playback_state(primitive.GetMyContextFromRoot(context)).remaps == 0
+
+
+def test_other_weights_are_played_by_a_running_system(small_skill, start):
+    system = FourierPrimitiveSystem(small_skill)
+    simulator = simulator_at(system, start)
+    simulator.AdvanceTo(0.63)
+    context = simulator.get_mutable_context()
+    moved = small_skill.extent_.mean(axis=0) + np.array([0.01, 0.0])
+    keypoint = Keypoint(step=12, values=moved)
+    target = small_skill.map_keypoints([keypoint]).weights
+    motion = system.GetOutputPort("motion").Eval(context).copy()
+    state = system.player.retarget(system.playback_state(context), target)
+    system.set_playback_state(context, state)
+    changed = system.GetOutputPort("motion").Eval(context)
+    assert_allclose(changed[:4], motion[:4], atol=1e-12)  # Position and velocity.
+    simulator.AdvanceTo(1.9)
+    assert np.array_equal(system.playback_state(context).target, target)
+    expected = system.player.motion(system.player.advance(state, 1.9 - 0.63))
+    found = system.GetOutputPort("motion").Eval(context)
+    assert_allclose(found, expected.ravel(), atol=1e-9)
+
+
+def test_simulation_begins_with_a_playback_that_was_stored(system, start):
+    player = system.player
+    stored = player.advance(player.start(start), 5.55)
+    context = context_at(system, start + 0.03, time=2.0)
+    system.set_playback_state(context, stored)
+    simulator = Simulator(system, context)
+    for time in (2.0, 2.07, 4.33):
+        simulator.AdvanceTo(time)
+        expected = player.motion(player.advance(stored, time - 2.0))
+        found = system.GetOutputPort("motion").Eval(context)
+        assert_allclose(found, expected.ravel(), atol=1e-9)
+
+
+def test_playback_of_another_skill_is_not_stored(system, start, wiping_mixture):
+    context = simulator_at(system, start).get_mutable_context()
+    other = Player(wiping_mixture).start(wiping_mixture.extent_.mean(axis=0))
+    before = groups(context)
+    with pytest.raises(SystemsError, match="give a playback of the same skill"):
+        system.set_playback_state(context, other)
+    with pytest.raises(SkillError, match="PlaybackState"):
+        system.set_playback_state(context, start)
+    for one, two in zip(groups(context), before, strict=True):
+        assert np.array_equal(one, two)
 
 
 def test_state_taken_from_a_context_does_not_change_later(system, start):
