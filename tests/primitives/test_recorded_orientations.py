@@ -404,6 +404,22 @@ def test_w_x_y_and_z_are_a_quaternion_of_about_unit_length(length, tmp_path):
     assert np.max((recorded * TURNS.inv()).magnitude()) < 1e-6
 
 
+@pytest.mark.parametrize(
+    "header",
+    [
+        "X,Y,Z,RX,RY,RZ,RW",  # Not a rotation vector.
+        "PosX,PosY,PosZ,OrienX,OrienY,OrienZ,OrienW",
+        "PosX,PoseY,PoseZ,OrienX,OrienY,OrienZ,OrienW",  # Not several positions.
+        "px,py,pz,turned x,turned y,turned z,turned w",
+        "tool_x,tool_y,tool_z,tool_rx,tool_ry,tool_rz,tool_rw",
+    ],
+)
+def test_x_y_z_and_w_of_unit_length_are_a_quaternion_by_any_name(header, tmp_path):
+    found, _ = read(table(tmp_path, QUATERNIONS, header=header))
+    assert found.channels == ("x", "y", "z", "rx", "ry", "rz")
+    assert_pose(found)
+
+
 def test_homogeneous_coordinates_are_a_position(tmp_path):
     path = np.column_stack([0.1 * files.PATH, np.ones(len(files.TIME))])
     text = files.lines(files.TIME, *path.T, header="time,x,y,z,w")

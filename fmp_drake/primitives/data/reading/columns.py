@@ -24,7 +24,7 @@ from fmp_drake.primitives.data.reading.angles import (
     without_false_rotation,
 )
 from fmp_drake.primitives.data.reading.clock import ordered_times, time_column
-from fmp_drake.primitives.data.reading.groups import column_groups
+from fmp_drake.primitives.data.reading.groups import QUATERNION, column_groups
 from fmp_drake.primitives.data.reading.rows import (
     LEAST_COMPLETE,
     interpolated,
@@ -52,18 +52,14 @@ SEVERAL = "several"
 
 # Groups of columns: prefix and axis.
 _WORD = r"(.*?)_?(?:(?<![a-z0-9])(?:{}))?_?{}"
-_PLACES = "p|t|pos|position|translation|point|trans|xyz|ee|eef|tcp"
-_TURNS = f"{_PLACES}|ori(?:entation)?|rot(?:ation)?|euler|rpy"
+_PLACES = "p|t|pose?|position|translation|point|trans|xyz|ee|eef|tcp"
+_TURNS = f"{_PLACES}|ori(?:en(?:tation|t)?)?|rot(?:ation)?|euler|rpy"
 _POSITION = re.compile(_WORD.format(_PLACES, "([xyz])"))
 _VECTORS = "rotvec|rotation_vector|axis_angle"
 _ROTATION = re.compile(_WORD.format(_TURNS, rf"(?:r|(?:{_VECTORS})_)([xyz])"))
 _EULER = re.compile(_WORD.format(_TURNS, "(roll|pitch|yaw)"))
 _KUKA = re.compile(_WORD.format(_TURNS, "([abc])"))
-_QUATERNION = re.compile(
-    r"(.*?)_?(?:q|(?<![a-z0-9])o|quats?|quaternions?|ori(?:entations?)?|rotations?|rot)"
-    r"(?:_[a-z]{1,3})?_?([xyzw])"
-)
-_QUATERNION_IJK = re.compile(_QUATERNION.pattern.replace("xyzw", "ijkw"))
+_QUATERNION_IJK = re.compile(QUATERNION.pattern.replace("xyzw", "ijkw"))
 # Words at the end of a prefix that do not name the body, as in `left_ee`.
 _NO_BODY = re.compile(rf"(?:(?:^|_)(?:{_PLACES}))+$")
 JOINT = re.compile(
@@ -93,7 +89,7 @@ _TORQUE = re.compile(r"(?<![a-z0-9])t(?=_?[xyz]$)")
 # What differs between the names of two arms' columns.
 _SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
 NO_POSITION = re.compile(
-    r"orient|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
+    r"orien|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
     r"|speed|jerk|(?<![a-z])grav|(^|_)[a-z]_dot|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
     r"|(^|_)(f|v|a|w|r|q|m|d|omega|theta|tau|ori|err|error|f_?tool|f_tip)$|^(q|v|a|w|b)_"
     r"|(^|_)((net)?fts?\d*|gyr|imu|joy(stick)?)(_|$)|(^|_)(normals?|directions?|dir)$"
@@ -324,7 +320,7 @@ def _channels(
     Position, orientation and force get standard names.
     """
     labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
-    orientations = _groups(columns, _QUATERNION, "xyzw")
+    orientations = _groups(columns, QUATERNION, "xyzw")
     orientations = orientations or _groups(columns, _QUATERNION_IJK, "ijkw")
     lengths = [c for c in columns if _is_length(c)]
     keys = {c.key for c in columns}

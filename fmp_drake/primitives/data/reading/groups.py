@@ -25,6 +25,11 @@ _TOOL = "tcp|eef?"
 _POSITIONS = re.compile(rf"(.*_)?(p|pos|positions?|translations?|points?|xyz|{_TOOL})")
 _QUATERNIONS = re.compile(r"(.*_)?(q|quats?|quaternions?|orientations?|rot|rotations?)")
 _ORDER = re.compile(r"(.*?)_?(xyzw|wxyz)")
+QUATERNION = re.compile(
+    r"(.*?)_?(?:q|(?<![a-z0-9])o|quats?|quaternions?|ori(?:en(?:tations?|t)?)?|rotations?|rot)"
+    r"(?:_[a-z]{1,3})?_?([xyzw])"
+)
+"""Name of an element of a quaternion: a prefix, if any, and its axis."""
 _MATRICES = re.compile(
     r"(.*_)?(r|rotm|rotmat|(rot|rotations?|orientations?)(_matri(x|ces))?)"
 )
@@ -129,13 +134,20 @@ def column_groups(
             units = [u or unit * (i < 3) for i, u in enumerate(units)]
             yield Group(set(sources), labels, units, poses, remark)
     yield from _joint_states(table.names, keys, values)
-    if set("wxyz") <= set(keys):  # A quaternion whose name does not say so.
-        sources = [len(keys) - 1 - keys[::-1].index(axis) for axis in "xyzw"]
+    # Quaternions whose names do not say so; letters other than r may mean anything.
+    for stem in dict.fromkeys(name[:-1] for name in keys if name.endswith("w")):
+        axes = [f"{stem}{axis}" for axis in "xyzw"]
+        is_named = QUATERNION.fullmatch(axes[3]) or (len(stem) == 1 and stem != "r")
+        if is_named or not {*axes} <= {*keys}:
+            continue
+        sources = [len(keys) - 1 - keys[::-1].index(axis) for axis in axes]
         elements = values[:, sources]
+        body = re.sub(r"(^|_)r$", r"\1", stem)
         varies = [np.unique(c[~np.isnan(c)]).size > 1 for c in elements.T]
         # Of the homogeneous coordinates of a position only w is constant.
         if varies[3] >= any(varies) and _is_unit(elements, _CLOSE):
-            yield Group(set(sources), list(_POSE[3:]), [""] * 4, elements)
+            labels = [f"{body}{q}" for q in _POSE[3:]]
+            yield Group(set(sources), labels, [""] * 4, elements)
 
 
 def _matrices(keys: Sequence[str]) -> dict[str, dict[int, int]]:
