@@ -105,6 +105,12 @@ def words_that_begin_later(folder):
     return write(folder, lines(TIME, states, *PATH.T, header="time,state,x,y,z"))
 
 
+def columns_of_words_that_begin_later(folder):
+    actions, hands = (["", *[word] * (len(TIME) - 1)] for word in ("wiping", "right"))
+    header = "time,x,y,z,action,hand,target"
+    return write(folder, lines(TIME, *PATH.T, actions, hands, hands, header=header))
+
+
 def two_topics_in_a_table(folder):
     """As of PlotJuggler: joints and positions in different rows."""
     names = [f"/joint_states/panda_joint{i}/position" for i in range(1, 8)]

@@ -49,6 +49,7 @@ POSITIONS = (
     files.header_of_savetxt,
     files.end_effector,
     files.words_that_begin_later,
+    files.columns_of_words_that_begin_later,
     files.position_of_two_topics,
     files.stamps_without_names,
     files.stamps_beside_the_time,

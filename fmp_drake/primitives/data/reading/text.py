@@ -119,10 +119,7 @@ def table_of_lines(
     labels = [name or f"column {i}" for i, name in enumerate(header, 1)]
     words = [i for i, cell in enumerate(first) if number_in(cell) is None]
     rows = _read_rows(lines, start, delimiter, labels, words)
-    unread = Counter(i for _, _, i in rows.broken if i is not None)
-    most = max(_FEW, _most_broken(len(rows.values)))
-    if more := [i for i, n in unread.items() if n > most]:
-        # Their first cells are empty, or numbers.
+    while more := _columns_of_words(rows):
         words = sorted({*words, *more})
         rows = _read_rows(lines, start, delimiter, labels, words)
     values, broken = rows.values, rows.broken
@@ -224,6 +221,16 @@ def _read_rows(
                 known.append(cells[i])
             has_commas = has_commas or (delimiter != "," and "," in line)
     return _Rows(np.array(numbers).reshape(-1, width), found, broken, has_commas)
+
+
+def _columns_of_words(rows: _Rows) -> list[int]:
+    """Return columns of words whose first cells are empty, or numbers.
+
+    Of several in a row only the first is found.
+    """
+    unread = Counter(i for _, _, i in rows.broken if i is not None)
+    most = max(_FEW, _most_broken(len(rows.values)))
+    return [i for i, n in unread.items() if n > most]
 
 
 def _with_samples_in_rows(lines: list[str]) -> list[str]:
