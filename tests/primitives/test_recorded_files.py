@@ -1194,6 +1194,48 @@ def test_labels_in_any_order_are_no_sources_beside_those_chosen(name, tmp_path):
     assert_allclose(found.values[:, :3], files.PATH)
 
 
+@pytest.mark.parametrize("other", ["cam", "RKorr", "left_hand"])
+def test_a_position_that_never_changes_is_not_the_motion(other, tmp_path):
+    header = ",".join(["time", *(f"{b}_{a}" for b in (other, "hand") for a in "xyz")])
+    still = np.full_like(files.PATH, 0.1)
+    text = files.lines(files.TIME, *still.T, *files.PATH.T, header=header)
+    (found,), remarks = read(lambda folder: files.write(folder, text), tmp_path)
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
+    assert "several positions" not in remarks
+
+
+def test_a_command_that_changes_is_not_read_for_a_measured_rest(tmp_path):
+    header = (
+        "time,x_target,y_target,z_target,left_x,left_y,left_z,right_x,right_y,right_z"
+    )
+    still = np.full_like(files.PATH, 0.1)
+    text = files.lines(
+        files.TIME, *files.PATH.T, *still.T, *(still + 1).T, header=header
+    )
+    (found,), remarks = read(lambda folder: files.write(folder, text), tmp_path)
+    assert "x" not in found.channels
+    assert "choose with --columns x=left_x,y=left_y,z=left_z" in remarks
+
+
+def test_the_position_that_moves_is_advised(tmp_path):
+    header = ",".join(
+        ["time", *(f"{b}_{a}" for b in ("head", "left", "right") for a in "xyz")]
+    )
+    bodies = [*(0.01 * files.PATH).T, *files.PATH.T, *(2 * files.PATH).T]
+    text = files.lines(files.TIME, *bodies, header=header)
+    _, remarks = read(lambda folder: files.write(folder, text), tmp_path)
+    assert "(head_x, left_x, right_x ...)" in remarks
+    assert "choose with --columns x=left_x,y=left_y,z=left_z" in remarks
+
+
+def test_joints_of_inverse_kinematics_are_commanded(tmp_path):
+    names = [f"{kind}_J{i}" for kind in ("IK", "Actual") for i in range(7)]
+    columns = [*(files.JOINTS + 0.01).T, *files.JOINTS.T]
+    text = files.lines(files.TIME, *columns, header=",".join(["time", *names]))
+    _, remarks = read(lambda folder: files.write(folder, text), tmp_path)
+    assert "several arms" not in remarks
+
+
 def test_words_that_contain_grav_may_be_positions(tmp_path):
     text = files.xyz(header="t,engraver_x,engraver_y,engraver_z")
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])

@@ -74,7 +74,7 @@ JOINT = re.compile(
 _NUMBERS = ("1234567", "0123456", "123456", "012345")
 # Positions that were commanded instead of measured.
 _COMMANDED = re.compile(
-    r"(^|.*_)(t_ee_[dc]|des|desired|target|cmd|command|commanded|actions?|ref|reference|goal|rsol)"
+    r"(^|.*_)(t_ee_[dc]|ik|des|desired|target|cmd|command|commanded|actions?|ref|reference|goal|rsol)"
     r"(_.*|$)"
 )
 _NO_ANGLES = "vel|acc|speed|tau|torque|effort|force|temp"
@@ -108,8 +108,9 @@ _UNITS = (
     (re.compile(r"(.*_)?(force(_?[xyz])?|f_?[xyz])"), "N"),
     (re.compile(r"(.*_)?torque(_?[xyz])?"), "Nm"),
 )
-# Width of a path above which its unit is questioned, m.
-_WIDEST = 5.0
+# Width of a path above which its unit is questioned, m; fraction of the greatest width of
+# several paths, up to which a body is not the moving one.
+_WIDEST, _STILL = 5.0, 0.1
 # Channels of which only some may be named: the rest is recognised.
 _PARTS = (
     {*QUATERNION_CHANNELS, *ROTATION_CHANNELS, *EULER_CHANNELS},
@@ -343,6 +344,9 @@ def _channels(
     if not (positions or orientations or joints):
         in_plane = _groups(lengths, _POSITION, "xy")
         positions = {p: group for p, group in in_plane.items() if not p}
+    moving = {p: g for p, g in positions.items() if any(c.spread for c in g)}
+    if not all(map(_COMMANDED.fullmatch, moving)):
+        positions = moving
     positions, orientations, commanded = _without_commanded(
         positions, orientations, has_joints=bool(joints)
     )
@@ -391,6 +395,8 @@ def _channels(
         labels[forces[0].number] = FORCE_CHANNEL
     if len(positions) > 1:
         measured = [p for p in positions if not _COMMANDED.fullmatch(p)] or positions
+        widths = {p: max(c.spread for c in positions[p]) for p in measured}
+        measured = [p for p in measured if widths[p] >= _STILL * max(widths.values())]
         prefix = max(measured, key=lambda p: bool(_TOOL.search(p)))
         orientation = next(iter(_of_body(orientations, prefix).values()), ())
         chosen = (*positions[prefix], *orientation)

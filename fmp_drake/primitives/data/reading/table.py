@@ -446,6 +446,11 @@ class Column(NamedTuple):
         return self.name if is_safe else str(self.place)
 
     @property
+    def spread(self) -> float:
+        """Greatest minus least value."""
+        return float(np.nanmax(self.values) - np.nanmin(self.values))
+
+    @property
     def is_increasing(self) -> bool:
         """Whether the values increase strictly."""
         return len(self.values) > 1 and bool(np.all(np.diff(self.values) > 0))
