@@ -427,6 +427,21 @@ def test_homogeneous_coordinates_are_a_position(tmp_path):
     assert found.channels[:3] == ("x", "y", "z")
 
 
+def test_angles_without_a_name_do_not_jump_by_a_revolution(tmp_path):
+    states = np.column_stack([files.PATH, RADIANS])
+    np.savez(tmp_path / "d.npz", timestamp=files.TIME, state=states)
+    found, remarks = read(tmp_path / "d.npz")
+    assert "state_4 unwrapped where they jump by a revolution" in remarks
+    assert_allclose(np.ptp(found.values[:, 3]), np.ptp(ROLL), atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [2.9, 4.0])
+def test_other_values_that_jump_are_not_unwrapped(size, tmp_path):
+    state = size * np.where(np.arange(len(files.TIME)) % 40 < 20, 1.0, -1.0)
+    found, _ = read(table(tmp_path, state, header="x,y,z,state"))
+    assert_allclose(found.select(["state"]).values[:, 0], state, atol=1e-12)
+
+
 def test_samples_without_an_angle_are_left_out(tmp_path):
     angles = RADIANS.copy()
     angles[[5, 6], 1] = np.nan

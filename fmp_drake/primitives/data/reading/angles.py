@@ -135,7 +135,14 @@ def continuous_angles(
         names[:] = [*(names[i] for i in kept), *QUATERNION_CHANNELS]
         units[:] = [*(units[i] for i in kept), *["1"] * 4]
     jumps = np.max(np.abs(np.diff(values, axis=0)), axis=0, initial=0.0)
-    wrapped = [i for i, unit in enumerate(units) if unit == "rad" and jumps[i] > _JUMP]
+    # Angles of unknown names lie within half a revolution.
+    within = np.max(np.abs(values), axis=0, initial=0.0) < np.pi + 0.01
+    least = np.where(within, 1.9 * np.pi, np.inf)
+    wrapped = [
+        i
+        for i, unit in enumerate(units)
+        if (unit == "rad" and jumps[i] > _JUMP) or (unit == "1" and jumps[i] > least[i])
+    ]
     if wrapped:
         values[:, wrapped] = np.unwrap(values[:, wrapped], axis=0)
         listed = ", ".join(names[i] for i in wrapped)
