@@ -1228,6 +1228,33 @@ def test_the_position_that_moves_is_advised(tmp_path):
     assert "choose with --columns x=left_x,y=left_y,z=left_z" in remarks
 
 
+@pytest.mark.parametrize("names", ["ax ay az gx gy gz", "imu_gx imu_gy imu_gz"])
+def test_rates_of_a_gyroscope_are_not_a_position(names, tmp_path):
+    values = [column for _ in range(len(names) // 9 + 1) for column in files.PATH.T]
+    header = ",".join(["time", *names.split()])
+    text = files.lines(files.TIME, *values[: len(names.split())], header=header)
+    (found,), _ = read(lambda folder: files.write(folder, text), tmp_path)
+    assert found.channels == tuple(names.split())
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "planned_{},actual_{}",
+        "soll_{},ist_{}",
+        "{}_cmd,{}_meas",
+        "{}_des,{}_act",
+        "{}_soll,{}_ist",
+    ],
+)
+def test_what_is_measured_is_preferred_to_what_is_planned(names, tmp_path):
+    kinds = [kind.format(axis) for kind in names.split(",") for axis in "xyz"]
+    columns = [*(files.PATH + 1).T, *files.PATH.T]
+    text = files.lines(files.TIME, *columns, header=",".join(["time", *kinds]))
+    (found,), _ = read(lambda folder: files.write(folder, text), tmp_path)
+    assert_allclose(found.select(["x", "y", "z"]).values, files.PATH, atol=1e-12)
+
+
 def test_joints_of_inverse_kinematics_are_commanded(tmp_path):
     names = [f"{kind}_J{i}" for kind in ("IK", "Actual") for i in range(7)]
     columns = [*(files.JOINTS + 0.01).T, *files.JOINTS.T]

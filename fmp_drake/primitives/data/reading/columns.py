@@ -74,7 +74,7 @@ JOINT = re.compile(
 _NUMBERS = ("1234567", "0123456", "123456", "012345")
 # Positions that were commanded instead of measured.
 _COMMANDED = re.compile(
-    r"(^|.*_)(t_ee_[dc]|ik|des|desired|target|cmd|command|commanded|actions?|ref|reference|goal|rsol)"
+    r"(^|.*_)(t_ee_[dc]|ik|des|desired|target|cmd|command|commanded|actions?|ref|reference|goal|rsol|soll|planned)"
     r"(_.*|$)"
 )
 _NO_ANGLES = "vel|acc|speed|tau|torque|effort|force|temp"
@@ -91,7 +91,7 @@ _SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
 NO_POSITION = re.compile(
     r"orien|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
     r"|speed|jerk|(?<![a-z])grav|(^|_)[a-z]_dot|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
-    r"|(^|_)(f|v|a|w|r|q|m|d|omega|theta|tau|ori|err|error|f_?tool|f_tip)$|^(q|v|a|w|b)_"
+    r"|(^|_)(f|v|a|g|w|r|q|m|d|omega|theta|tau|ori|err|error|f_?tool|f_tip)$|^(q|v|a|w|b)_"
     r"|(^|_)((net)?fts?\d*|gyr|imu|joy(stick)?)(_|$)|(^|_)(normals?|directions?|dir)$"
 )
 """Words in the names of axes that are not positions."""

@@ -65,7 +65,7 @@ _COUNTER = re.compile(
     r"|iter(ation)?|sample|count|counter|row|no|num|id|i|n)"
 )
 _AXIS_FIRST = re.compile(
-    r"(^|.*_)([xyz])_?(?:pos(?:ition)?|axis|coord(?:inate)?|tcp|eef?|actual)$"
+    r"(^|.*_)([xyz])_?(?:pos(?:ition)?|axis|coord(?:inate)?|tcp|eef?|act(?:ual)?|meas(?:ured)?|ist)$"
 )
 # Names of columns of numbers that identify a sensor; greatest number of sensors in any order;
 # otherwise, least number of rows of each, and fraction of rows in the same order.
