@@ -4,6 +4,7 @@ import functools
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import DiagramBuilder
 
 from fmp_drake.errors import FmpError
 from fmp_drake.primitives import Demonstration, FourierMovementPrimitive
@@ -22,6 +23,8 @@ from fmp_drake.skills import (
     scenario_skill,
 )
 from fmp_drake.station import (
+    AddBoardScene,
+    AddInk,
     LoadRobot,
     LoadScenario,
     MakeStation,
@@ -45,6 +48,12 @@ def a_context():
 
 def a_hand():
     return SimulatedHand(HandMotion(np.zeros((5, 2))))
+
+
+def ink_in_free_space():
+    builder = DiagramBuilder()
+    scene = AddBoardScene(builder, LoadScenario("stir"), start=[0.0, 0.0, 0.1])
+    AddInk(builder, scene)
 
 
 NO_SCENARIO = (
@@ -89,6 +98,7 @@ WRONG = {
         lambda: HandMotion(np.zeros((5, 3))),
         r"the positions of shape \(5, 3\); expected \(N, 2\)",
     ),
+    "ink without a board": (ink_in_free_space, "there is no board for the ink"),
     "hand at NaN": (lambda: HandMotion([[0.0, np.nan]]), "NaN or infinite numbers in"),
 }
 

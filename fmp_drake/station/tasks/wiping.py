@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder
 
+from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array
 from fmp_drake.station.arm_controller import AddNormalForceEstimator
 from fmp_drake.station.board_scene import BODIES, BoardScene, Connect
@@ -96,9 +97,14 @@ def AddInk(builder: DiagramBuilder, scene: BoardScene) -> InkBoard:
     Raises
     ------
     StationError
-        If a picture cannot be read, or there would be no ink on the board.
+        If there is no board, a picture cannot be read, or there would be no ink on the board.
     """
     scenario = scene.scenario
+    if not scenario.has_board:
+        raise StationError(
+            "there is no board for the ink: board.shape is none, free space. Leave the ink "
+            "out, or choose another shape."
+        )
     grid = BoardGrid(scenario)
     ink = InkBoard(
         plant=scene.plant,
