@@ -279,6 +279,7 @@ def test_missing_file_is_named(tmp_path):
         ("plant: {time_step: -0.001}", ["plant.time_step is -0.001 s", "expected 0"]),
         ("plant: {time_step: .nan}", ["plant.time_step is nan s", "expected 0"]),
         ("impedance: {control_period: 1.0e-9}", ["control_period", "at least 0.0001"]),
+        ("impedance: {control_period: 0.05}", ["control_period", "at most 0.02"]),
         ("skill: {candidates: 1000000000}", ["skill.candidates", "at most 1000"]),
         ("skill: {tempo: 5}", ["skill.tempo", "at most 4"]),
         ("skill: {push_threshold: 0}", ["skill.push_threshold", "positive"]),

@@ -58,7 +58,7 @@ class ImpedanceConfig:
     characteristic_length : float
         Length that makes rotational inertia comparable to mass, m.
     control_period : float
-        Time between updates of the torque, s.
+        Time between updates of the torque, s. Stations check that their arm is stable with it.
     stiffness_time_constant : float
         Of the low-pass filter of a stiffness that changes while running, s.
     walls : JointWallConfig
@@ -99,7 +99,7 @@ class ImpedanceConfig:
     max_torque_rate: float | None = bounded(None, above=0)
     max_effective_mass: float = bounded(300.0, above=0)
     characteristic_length: float = bounded(0.25, above=0)
-    control_period: float = bounded(0.001, least=0.0001)
+    control_period: float = bounded(0.001, least=0.0001, most=0.02)
     stiffness_time_constant: float = bounded(0.05, least=0)
     walls: JointWallConfig = field(default_factory=JointWallConfig)
     watchdog: WatchdogConfig = field(default_factory=WatchdogConfig)
