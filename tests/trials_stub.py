@@ -7,6 +7,21 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+# Metrics of a run in which all is well.
+GOOD = {
+    "tracking_rms_m": 0.003,
+    "tracking_max_m": 0.01,
+    "normal_force_wanted_fraction": 0.99,
+    "normal_force_p05_n": 8.0,
+    "normal_force_p95_n": 11.0,
+    "contact_fraction": 0.98,
+    "torque_ratio_max": 0.5,
+    "torque_rate_max_nm_per_s": 900.0,
+    "joint_speed_ratio_max": 0.7,
+    "joint_limit_margin_min_rad": 0.2,
+    "cleaned_fraction_of_demonstrated_area": 0.9,
+}
+
 
 class AtOnce(Executor):
     """Executor that runs a task at once, in the calling thread."""

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import trials_stub
 from PIL import Image
-from trials_stub import Here
+from trials_stub import GOOD, Here
 
 from fmp_drake import ExperimentError
 from fmp_drake.apps import worlds as worlds_command
@@ -40,19 +40,6 @@ SPEC = """
 fields: {press.force: {uniform: [5.0, 9.0]}, start: [0.0, 0.0, {uniform: [0.005, 0.02]}]}
 disturbances: {count: {choice: [0, 1]}, each: {force: [0, {uniform: [-9.0, 9.0]}, 0]}}
 """
-GOOD = {
-    "tracking_rms_m": 0.003,
-    "tracking_max_m": 0.01,
-    "normal_force_wanted_fraction": 0.99,
-    "normal_force_p05_n": 8.0,
-    "normal_force_p95_n": 11.0,
-    "contact_fraction": 0.98,
-    "torque_ratio_max": 0.5,
-    "torque_rate_max_nm_per_s": 900.0,
-    "joint_speed_ratio_max": 0.7,
-    "joint_limit_margin_min_rad": 0.2,
-    "cleaned_fraction_of_demonstrated_area": 0.9,
-}
 
 
 @pytest.fixture(scope="module")

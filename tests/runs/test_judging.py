@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from pydrake.common.yaml import yaml_dump_typed
+from trials_stub import GOOD
 
 from fmp_drake.runs.judging import (
     LEAST_CONTACT,
@@ -21,19 +22,6 @@ from fmp_drake.station import ParseScenario
 from fmp_drake.systems.surface_monitor import TOLERANCE
 
 PRESSED = "press: {force: 9.0}"
-GOOD = {
-    "tracking_rms_m": 0.003,
-    "tracking_max_m": 0.01,
-    "normal_force_wanted_fraction": 0.99,
-    "normal_force_p05_n": 8.0,
-    "normal_force_p95_n": 11.0,
-    "contact_fraction": 0.98,
-    "torque_ratio_max": 0.5,
-    "torque_rate_max_nm_per_s": 900.0,
-    "joint_speed_ratio_max": 0.7,
-    "joint_limit_margin_min_rad": 0.2,
-    "cleaned_fraction_of_demonstrated_area": 0.9,
-}
 
 
 def result(scenario=PRESSED, **metrics):

@@ -306,8 +306,7 @@ def test_state_is_not_read_from_the_context_of_the_diagram(small_skill, start):
     assert primitive.playback_state(primitive.GetMyContextFromRoot(context)).remaps == 0
 
 
-def test_other_weights_are_played_by_a_running_system(small_skill, start):
-    system = FourierPrimitiveSystem(small_skill)
+def test_other_weights_are_played_by_a_running_system(system, small_skill, start):
     simulator = simulator_at(system, start)
     simulator.AdvanceTo(0.63)
     context = simulator.get_mutable_context()

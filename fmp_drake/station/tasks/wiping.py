@@ -102,8 +102,8 @@ def AddInk(builder: DiagramBuilder, scene: BoardScene) -> InkBoard:
     scenario = scene.scenario
     if not scenario.has_board:
         raise StationError(
-            "there is no board for the ink: board.shape is none, free space. Leave the ink "
-            "out, or choose another shape."
+            "there is no board for the ink, because board.shape is none (free space). Leave "
+            "out the ink, or choose another shape."
         )
     grid = BoardGrid(scenario)
     ink = InkBoard(

@@ -20,6 +20,8 @@ REVOLUTION = 2 * np.pi + 0.1
 """Greatest Euler angle and length of a rotation vector in rad, with a margin."""
 # Change of an angle from sample to sample that is a revolution less than it seems, rad.
 _JUMP = 1.5 * np.pi
+# Without a unit, values within half a turn that jump by about a whole one are angles, rad.
+_HALF_TURN, _TURN = np.pi + 0.01, 1.9 * np.pi
 # Greatest error of a quaternion's length, and most runs of wrong rows that are listed.
 _LENGTH_ERROR, _MOST_RUNS = 0.1, 3
 
@@ -135,13 +137,12 @@ def continuous_angles(
         names[:] = [*(names[i] for i in kept), *QUATERNION_CHANNELS]
         units[:] = [*(units[i] for i in kept), *["1"] * 4]
     jumps = np.max(np.abs(np.diff(values, axis=0)), axis=0, initial=0.0)
-    # Angles of unknown names lie within half a revolution.
-    within = np.max(np.abs(values), axis=0, initial=0.0) < np.pi + 0.01
-    least = np.where(within, 1.9 * np.pi, np.inf)
+    sizes = np.max(np.abs(values), axis=0, initial=0.0)
     wrapped = [
         i
         for i, unit in enumerate(units)
-        if (unit == "rad" and jumps[i] > _JUMP) or (unit == "1" and jumps[i] > least[i])
+        if (unit == "rad" and jumps[i] > _JUMP)
+        or (unit == "1" and jumps[i] > _TURN and sizes[i] < _HALF_TURN)
     ]
     if wrapped:
         values[:, wrapped] = np.unwrap(values[:, wrapped], axis=0)

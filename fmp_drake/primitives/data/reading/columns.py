@@ -344,6 +344,7 @@ def _channels(
     if not (positions or orientations or joints):
         in_plane = _groups(lengths, _POSITION, "xy")
         positions = {p: group for p, group in in_plane.items() if not p}
+    # Zeros of a correction or of an absent hand are not a second position.
     moving = {p: g for p, g in positions.items() if any(c.spread for c in g)}
     if not all(map(_COMMANDED.fullmatch, moving)):
         positions = moving
