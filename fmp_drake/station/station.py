@@ -156,7 +156,7 @@ def MakeStation(
     >>> station.GetInputPort("desired_position").size()
     3
     """
-    _CheckTypes(scenario, operator, driver, meshcat)
+    _CheckTypes(scenario, operator, driver, task, meshcat)
     if not isinstance(operator, FourierMovementPrimitive | None):
         return _MakeTeachingStation(scenario, operator, start, q, meshcat)
     if operator is not None:
@@ -251,12 +251,15 @@ def MakeWipingStation(
     return MakeStation(scenario, skill, **options)
 
 
-def _CheckTypes(scenario: Any, operator: Any, driver: Any, meshcat: Any) -> None:
+def _CheckTypes(
+    scenario: Any, operator: Any, driver: Any, task: Any, meshcat: Any
+) -> None:
     """Raise an error for arguments of `MakeStation` that are not of its types."""
     check_scenario(scenario, "MakeStation(scenario)")
     for name, value, kind in (
         ("operator", operator, FourierMovementPrimitive | TeachingHand | None),
         ("driver", driver, Driver | None),
+        ("task", task, Task | None),
         ("meshcat", meshcat, Meshcat | None),
     ):
         check_type(value, name, kind, error=StationError)

@@ -31,6 +31,7 @@ from fmp_drake.station import (
     SimulatedHand,
     models_dir,
 )
+from fmp_drake.station.tasks.wiping import Wiping
 from fmp_drake.systems import HandMotion
 
 TIME = np.arange(0, 20, 0.05)
@@ -97,6 +98,10 @@ WRONG = {
     "hand in three channels of two": (
         lambda: HandMotion(np.zeros((5, 3))),
         r"the positions of shape \(5, 3\); expected \(N, 2\)",
+    ),
+    "task as a class": (
+        lambda: MakeStation(LoadScenario("table_top"), skill(), task=Wiping),
+        "task is <class '.*Wiping'>; its type must be Task or None",
     ),
     "ink without a board": (ink_in_free_space, "there is no board for the ink"),
     "hand at NaN": (lambda: HandMotion([[0.0, np.nan]]), "NaN or infinite numbers in"),
