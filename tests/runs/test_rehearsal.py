@@ -122,6 +122,7 @@ def test_rehearsal_that_fails_gives_its_reason(skill, rehearsed, suggest):
         {"unsteady_fraction": 5e-4},  # Braked joints disturb the force for a moment.
         {"force_error": 0.6},  # N; a nearly singular arm.
         {"tracking_error": 9.2e-3},  # m; friction on the board.
+        {"push_deviation": 7.1e-2},  # m; the bound is 7.7 cm.
     ],
 )
 def test_errors_close_to_their_bounds_are_rehearsed_though_the_check_passes(
@@ -165,3 +166,16 @@ def test_run_that_breaks_off_is_a_fault(skill):
     (fault,) = rehearse(table(x=1.2), skill)
     assert fault.kind == "exception"
     assert "StationError" in fault.text
+
+
+@pytest.mark.parametrize(("severity", "is_mended"), [(1.4, True), (1.6, False)])
+def test_rehearsal_ends_early_only_where_the_rest_cannot_mend_it(
+    skill, monkeypatch, severity, is_mended
+):
+    # All of the fault is in the first 0.2 s of 0.3 s: two thirds of it remain.
+    early = Fault("path", severity, "follows its path badly")
+    monkeypatch.setattr(rehearsal, "_ENDS", (0.2, 0.3))
+    monkeypatch.setattr(
+        rehearsal, "faults", lambda _, time: [early] if time < 0.3 else []
+    )
+    assert rehearse(table(), skill) == ([] if is_mended else [early])
