@@ -14,16 +14,16 @@ from fmp_drake.station.reach.feasibility import Feasibility
 
 REHEARSAL = 30.0
 """Simulated time of a rehearsal, s."""
-# Times at which it ends if it has faults that are too severe to be mended by the rest, s: a
-# disturbance of 10 s is at least a third as severe in 30 s.
+# Times at which it ends if its faults are so severe that the rest cannot mend them, s: a fault
+# of the first 10 s is at least a third as severe in 30 s.
 _ENDS = (10.0, 20.0, REHEARSAL)
 # Largest predicted tracking error that is rehearsed, in tolerances. Of 16 runs with 1.25 or
 # more one passed, with 1.25.
 _MOST_ERROR = 1.3
-# Least predicted values that are rehearsed although the check passes: errors of the tracking
-# and heights after pushes, as fractions of the tolerance and of their bound, and rms errors
-# of the normal force, N. Of 672 accepted trials these were seven, of which three failed.
-_LEAST_ERROR, _LEAST_FORCE_ERROR = 0.9, 0.5
+# A check that passes is rehearsed above this fraction of the tolerance and of the allowed
+# height after a push, or above this rms error of the normal force, N: seven of 672 accepted
+# trials, of which three failed.
+_CLOSE, _CLOSE_FORCE_ERROR = 0.9, 0.5
 # Least number of windows of the skill in a rehearsal.
 _LEAST_WINDOWS = 2
 
@@ -117,13 +117,14 @@ def CheckWithRehearsal(
 
 def _is_close(predicted: Feasibility, tolerance: float) -> bool:
     """Return whether a prediction is so close to its bounds that only a run decides."""
-    values, error = predicted.values, predicted.values["tracking_error"] / tolerance
+    values = predicted.values
+    error = values["tracking_error"] / tolerance
     if predicted.is_feasible:
         lift = values.get("push_deviation", 0.0) / tolerance
         return (
-            error > _LEAST_ERROR
-            or lift > _LEAST_ERROR * predicted.bounds.lift
-            or values.get("force_error", 0.0) > _LEAST_FORCE_ERROR
+            error > _CLOSE
+            or lift > _CLOSE * predicted.bounds.lift
+            or values.get("force_error", 0.0) > _CLOSE_FORCE_ERROR
             or values.get("unsteady_fraction", 0.0) > 0
         )
     return predicted.is_doubtful and error <= _MOST_ERROR
