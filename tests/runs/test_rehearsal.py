@@ -144,6 +144,23 @@ def test_errors_close_to_their_bounds_are_rehearsed_though_the_check_passes(
     assert "The arm can follow" in feasibility.verdict or not goes_well
 
 
+@pytest.mark.parametrize(
+    ("force", "start", "is_rehearsed"),
+    [
+        ([30.0, -30.0, 0.0], 2.0, True),  # N; 42 N along the board.
+        ([-25.0, 25.0, -40.0], 2.0, False),  # 35 N.
+        ([45.0, 0.0, 0.0], 31.0, False),  # Later than a rehearsal.
+    ],
+)
+def test_strong_push_along_the_board_is_rehearsed(
+    skill, rehearsed, force, start, is_rehearsed
+):
+    scenario = table()
+    scenario.disturbances = [Disturbance(start=start, force=force)]
+    assert CheckWithRehearsal(scenario, skill).is_feasible
+    assert len(rehearsed[0]) == is_rehearsed
+
+
 def test_rehearsal_simulates_other_samples(skill, monkeypatch):
     monkeypatch.setattr(rehearsal, "_ENDS", (2.0, 3.0))
     made, make = [], rehearsal.MakeRun
