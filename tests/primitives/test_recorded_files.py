@@ -902,6 +902,7 @@ def test_forces_of_a_universal_robot_are_read_beside_its_pose(tmp_path):
         *[(name, True) for name in ("ft_sensor", "ft300")],
         *[(name, False) for name in ("O_T_ext", "tcp_speed", "pos_err", "stiffness")],
         *[(name, False) for name in ("imu_link", "joystick")],
+        *[(name, False) for name in ("base_omegadot", "reaction", "momentum")],
     ],
 )
 def test_forces_speeds_and_errors_are_no_positions(other, is_force, tmp_path):
@@ -913,6 +914,17 @@ def test_forces_speeds_and_errors_are_no_positions(other, is_force, tmp_path):
     forces = ["force_x", "force_y", "force_z"] if is_force else names[:3]
     assert found.channels == (*forces, "x", "y", "z")
     assert_allclose(found.select(["x", "y", "z"]).values, files.PATH)
+
+
+@pytest.mark.parametrize("frame", ["w", "b"])
+def test_a_position_may_name_its_frame(frame, tmp_path):
+    axes = [f"ee_pos_{frame}_{axis}" for axis in "xyz"]
+    turns = [f"ee_quat_{frame}_{axis}" for axis in "xyzw"]
+    columns = (files.TIME, *files.PATH.T, *files.QUATERNIONS.T)
+    text = files.lines(*columns, header=",".join(["t", *axes, *turns]))
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z", "rx", "ry", "rz")
+    assert found.units[:3] == ("m", "m", "m")
 
 
 def test_of_several_positions_that_of_the_tool_is_suggested(tmp_path):

@@ -52,7 +52,8 @@ SEVERAL = "several"
 
 # Groups of columns: prefix and axis.
 _WORD = r"(.*?)_?(?:(?<![a-z0-9])(?:{}))?_?{}"
-_PLACES = "p|t|pose?|position|translation|point|trans|xyz|ee|eef|tcp"
+# The frame of the world, or a base, may follow, as in `pos_w`.
+_PLACES = "p|t|(?:pose?|position)(?:_[wb])?|translation|point|trans|xyz|ee|eef|tcp"
 _TURNS = f"{_PLACES}|ori(?:en(?:tation|t)?)?|rot(?:ation)?|euler|rpy"
 _POSITION = re.compile(_WORD.format(_PLACES, "([xyz])"))
 _VECTORS = "rotvec|rotation_vector|axis_angle"
@@ -89,9 +90,9 @@ _TORQUE = re.compile(r"(?<![a-z0-9])t(?=_?[xyz]$)")
 # What differs between the names of two arms' columns.
 _SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
 NO_POSITION = re.compile(
-    r"orien|quat|rot|euler|rpy|force|torque|wrench|twist|linear|vel|acc|gyro|mag|angular"
-    r"|speed|jerk|(?<![a-z])grav|(^|_)[a-z]_dot|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
-    r"|(^|_)(f|v|a|g|w|r|q|m|d|omega|theta|tau|ori|err|error|f_?tool|f_tip)$|^(q|v|a|w|b)_"
+    r"orien|quat|rot|euler|rpy|force|torque|moment|reaction|wrench|twist|linear|vel|acc|gyro|mag"
+    r"|angular|omega|speed|jerk|(?<![a-z])grav|(^|_)[a-z]_dot|offset|stiffness|damping|(^|_)([ft]|tau)_?ext(_hat_k)?$"
+    r"|(^|_)(f|v|a|g|(?<!pos_)(?<!position_)w|r|q|m|d|theta|tau|ori|err|error|f_?tool|f_tip)$|^(q|v|a|w|b)_"
     r"|(^|_)((net)?fts?\d*|gyr|imu|joy(stick)?)(_|$)|(^|_)(normals?|directions?|dir)$"
 )
 """Words in the names of axes that are not positions."""
