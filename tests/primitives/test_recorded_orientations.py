@@ -107,7 +107,7 @@ def test_slower_angles_that_jump_by_a_revolution_are_interpolated(
     [
         ("x,y,z,roll,pitch,yaw", 6.28, "radians"),
         ("x,y,z,roll,pitch,yaw", 6.5, "degrees"),
-        ("x,y,z,C,B,A", 6.28, "degrees"),
+        ("x,y,z,C,B,A", 6.28, "radians"),
     ],
 )
 def test_unit_of_euler_angles_that_is_assumed_is_reported(
@@ -145,14 +145,22 @@ def test_other_angles_are_no_orientation(header, tmp_path):
     assert found.rotation_reference is None
 
 
-def test_small_angles_of_a_kuka_that_do_not_jump_are_taken_for_degrees(tmp_path):
-    angles = 3 * np.sin(files.TIME)[:, None] * [1, 0, 0]
-    found, remark = read(table(tmp_path, angles, header="x,y,z,A,B,C"))
-    assert "A, B, C reach 3 and are taken for degrees" in remark
+@pytest.mark.parametrize("unit", ["m", "mm", "mm in the header", "mm by option"])
+def test_small_angles_of_a_kuka_are_degrees_beside_millimetres(unit, tmp_path):
+    angles = np.sin(files.TIME)[:, None] * [1, 0, 0]
+    names = "x [mm],y [mm],z [mm]" if "header" in unit else "x,y,z"
+    scale = 1.0 if unit == "m" else 1e3
+    columns = (files.TIME, *(scale * files.PATH).T, *angles.T)
+    text = files.lines(*columns, header=f"time,{names},A,B,C")
+    given = {"unit": "mm"} if "option" in unit else {}
+    found, remark = read(files.write(tmp_path, text).path, **given)
+    kind = "radians" if unit == "m" else "degrees"
+    assert f"A, B, C reach 1 and are taken for {kind}" in remark
     turns = rotations_of(
         found.select(["rx", "ry", "rz"]).values, found.rotation_reference
     )
-    assert np.max(turns.magnitude()) == pytest.approx(np.deg2rad(3), abs=1e-3)
+    largest = 1.0 if unit == "m" else np.deg2rad(1.0)
+    assert np.max(turns.magnitude()) == pytest.approx(largest, rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from fmp_drake.errors import DemonstrationError
 from fmp_drake.numeric import Array, Indices, runs
 from fmp_drake.primitives.data.channels import (
     EULER_CHANNELS,
+    POSITION_CHANNELS,
     QUATERNION_CHANNELS,
     ROTATION_CHANNELS,
 )
@@ -22,6 +23,8 @@ REVOLUTION = 2 * np.pi + 0.1
 _JUMP = 1.5 * np.pi
 # Without a unit, values within half a turn that jump by about a whole one are angles, rad.
 _HALF_TURN, _TURN = np.pi + 0.01, 1.9 * np.pi
+# Greatest coordinate of an arm, m.
+_FARTHEST = 5.0
 # Greatest error of a quaternion's length, and most runs of wrong rows that are listed.
 _LENGTH_ERROR, _MOST_RUNS = 0.1, 3
 
@@ -55,7 +58,8 @@ def angle_units(
     """Return the unit of each angle without a stated one, by the index of its channel.
 
     Rotation vectors are in rad. Euler angles are in degrees if one is greater than a revolution, or if they
-    are KUKA's and do not jump by 2 pi; other angles if one is greater than two revolutions.
+    are KUKA's beside a position in mm, as its controllers write them, and do not jump by 2 pi; other angles
+    if one is greater than two revolutions.
     """
     names, columns = list(channels), list(channels.values())
     rotation, euler = (
@@ -67,7 +71,11 @@ def angle_units(
     euler = [i for i in angles if i in euler]
     are_kuka = {columns[i].key[-1:] for i in euler} == {"a", "b", "c"}
     largest_step = np.max(np.abs(np.diff(values[:, euler], axis=0)), initial=0.0)
-    limit = 0.0 if are_kuka and largest_step < 1.9 * np.pi else REVOLUTION
+    position = [i for i, name in enumerate(names) if name in POSITION_CHANNELS]
+    farthest = float(np.max(np.abs(values[:, position]), initial=0.0))
+    are_metres = {units[i] for i in position} == {"m"} and farthest < _FARTHEST
+    is_controller = are_kuka and not are_metres and largest_step < _TURN
+    limit = 0.0 if is_controller else REVOLUTION
     for group, most in ((others, _LARGEST_ANGLE), (euler, limit)):
         largest = float(np.max(np.abs(values[:, group]), initial=0.0))
         unit, other = ("deg", "rad") if largest > most else ("rad", "deg")
