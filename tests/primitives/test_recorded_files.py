@@ -409,6 +409,34 @@ def test_another_time_is_read_before_words_that_mean_something_else(
     assert {*found.channels} == {other, "x", "y", "z"}
 
 
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("millis", 1e-3), ("elapsed_millis", 1e-3), ("ms", 1e-3), ("micros", 1e-6)],
+)
+def test_a_time_may_be_named_by_its_unit(name, unit, tmp_path):
+    ticks = np.arange(len(files.TIME))
+    text = files.xyz(ticks, header=f"{name},x,y,z")
+    (found,), remarks = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z")
+    assert_allclose(found.time, unit * ticks)
+    assert f"the time is in {name.removeprefix('elapsed_')}" in remarks[0]
+
+
+def test_a_clock_in_microseconds_may_be_named_utime(tmp_path):
+    stamps = 1_400_000_000_000_000 + np.round(1e6 * files.TIME).astype(np.int64)
+    text = files.xyz(stamps, header="utime,x,y,z")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.time, files.TIME)
+
+
+@pytest.mark.parametrize("form", ["{:g} sec", "05-Mar-2021 10:59:{:09.6f}"])
+def test_times_may_be_written_as_matlab_does(form, tmp_path):
+    text = files.xyz(map(form.format, files.TIME), header="Time,x,y,z")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert_allclose(found.time, files.TIME, atol=1e-6)
+    assert_allclose(found.values, files.PATH)
+
+
 def test_milliseconds_of_a_time_of_day_may_follow_a_colon(tmp_path):
     clock = [f"2019-08-06 10:25:{50 + t:06.3f}".replace(".", ":") for t in files.TIME]
     text = files.xyz(clock, header="time,x,y,z")

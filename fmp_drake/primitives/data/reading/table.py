@@ -24,8 +24,8 @@ LONGEST_GAP = 0.5
 # Factors to seconds, metres, radians and newtons.
 TIMES = {
     **dict.fromkeys(("s", "sec", "secs", "seconds"), 1.0),
-    **dict.fromkeys(("ms", "msec", "milliseconds"), 1e-3),
-    **dict.fromkeys(("us", "µs", "usec", "microseconds"), 1e-6),
+    **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "usec", "micros", "microseconds"), 1e-6),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), 1e-9),
     "100 ns": 1e-7,
 }
@@ -261,7 +261,12 @@ def unit_symbol(unit: str) -> str:
 
 
 def suffixed_unit(name: str) -> tuple[str, str]:
-    """Split a name that ends with its unit: `time_ms`, `x_meters`; "" without a unit."""
+    """Split a name that ends with its unit: `time_ms`, `x_meters`; "" without a unit.
+
+    A name that is only a unit of time, other than s, is that of the time: `millis`.
+    """
+    if name in TIMES and name != "s":
+        return "time", name
     if match := _IN_NEWTONS.fullmatch(name):
         return match[1], "N"
     match = re.fullmatch(rf"(.+?)_(?:in_)?({_SUFFIXES})", name)

@@ -39,6 +39,9 @@ _DATE = re.compile(
     r"(?:(\d\d?):)?(\d\d?):(\d\d?(?:[.,]\d+|:\d{3,})?)(?: ?([AaPp])[Mm])?"
     r"(?:Z|[+-]\d\d:?\d\d)?"
 )
+# The same with the name of the month, as MATLAB writes it.
+_MONTHS = "jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec"
+_MONTH = re.compile(rf"(\d\d?)-({_MONTHS})-(?=\d{{4}} )", re.IGNORECASE)
 _COMPACT_DATE = re.compile(r"(\d{4})(\d\d)(\d\d)[_T-](\d\d)(\d\d)(\d\d)")
 # List of numbers in a cell, and what separates them.
 _LIST = re.compile(r""""?(?:array\()?(?:'d', ?)?[\[(]([-+.\deE,; \[\]]+)[\])]+"?""")
@@ -80,14 +83,8 @@ def read_text(path: Path, options: ReadingOptions) -> list[Table]:
     """
     text = _decoded(path)
     # A file that was not written to its end stops within a line.
-    return [
-        table_of_lines(
-            path,
-            text.splitlines(),
-            topic=options.topic,
-            may_be_incomplete=text[-1:] not in "\r\n",
-        )
-    ]
+    lines, is_cut = text.splitlines(), text[-1:] not in "\r\n"
+    return [table_of_lines(path, lines, topic=options.topic, may_be_incomplete=is_cut)]
 
 
 def read_lines(path: Path) -> list[str]:
@@ -425,7 +422,9 @@ def number_in(cell: str) -> float | None:
         whole, mark, rest = cell.rpartition(max(".,", key=cell.rfind))
         cell = re.sub(r"[.,](?=\d{3}(\D|$))", "", whole) + mark + rest
     try:
-        return _date_in(cell) if "_" in cell else float(cell.replace(",", "."))
+        # MATLAB writes durations as `0.02 sec`.
+        number = cell.removesuffix(" sec").replace(",", ".")
+        return _date_in(cell) if "_" in cell else float(number)
     except ValueError:
         return _date_in(cell)
 
@@ -435,6 +434,7 @@ def _date_in(cell: str) -> float | None:
 
     With dots, the day comes before the month; with slashes, the month before the day.
     """
+    cell = _MONTH.sub(lambda m: f"{m[1]}.{_MONTHS.find(m[2].lower()) // 4 + 1}.", cell)
     match = _DATE.fullmatch(_COMPACT_DATE.sub(r"\1-\2-\3 \4:\5:\6", cell))
     if match is None:
         return None
