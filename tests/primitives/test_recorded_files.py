@@ -549,9 +549,12 @@ def test_names_of_rows_may_end_with_a_colon(tmp_path):
     assert_allclose(found.values, files.PATH)
 
 
-def test_properties_of_the_columns_of_a_force_plate_are_before_the_numbers(tmp_path):
+@pytest.mark.parametrize("header", [PLATE, PLATE.replace(":", "")])
+def test_properties_of_the_columns_of_a_force_plate_are_before_the_numbers(
+    header, tmp_path
+):
     text = files.lines(
-        files.TIME, *files.FORCE.T, 0 * files.TIME, delimiter="\t", header=PLATE
+        files.TIME, *files.FORCE.T, 0 * files.TIME, delimiter="\t", header=header
     )
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert found.channels == ("force_x", "force_y", "force_z", "Mx")

@@ -108,11 +108,10 @@ def table_of_lines(
     width = len(first)
     is_first = not any(map(str.strip, lines[:start])) and len(lines) > start + 1
     second = split_cells(lines[start + 1], delimiter) if is_first else []
-    if is_numbered := _numbers_columns(first, second):
+    if _numbers_columns(first, second):
         start, first = start + 1, second
     header, units = _header(path, lines[:start], delimiter, first)
-    if is_numbered:
-        header = ["" if name.isdecimal() else name for name in header]
+    header = ["" if name.isdecimal() else name for name in header]
     labels = [name or f"column {i}" for i, name in enumerate(header, 1)]
     words = [i for i, cell in enumerate(first) if number_in(cell) is None]
     rows = _read_rows(lines, start, delimiter, labels, words)
@@ -378,10 +377,11 @@ def _first_row(path: Path, lines: list[str]) -> tuple[int, str]:
         cells = split_cells(lines[i], best) if best else [""]
         width = len(cells)
         is_item = best == " " and lines[i].lstrip().startswith("- ")
-        # A property of each column, such as `Rate (Hz):` of a force plate.
-        is_property = best != " " and cells[0].endswith(":")
+        # A property of each column, such as `Rate (Hz)`.
+        is_property = best != " " and number_in(cells[0]) is None
         if is_property:  # Not the name of a row.
-            is_property = not split_cells(lines[content[-1]], best)[0].endswith(":")
+            last = number_in(split_cells(lines[content[-1]], best)[0])
+            is_property = last is not None and np.isfinite(last)
         if (
             best
             and not (is_item or is_property)
