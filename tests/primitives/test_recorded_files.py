@@ -958,6 +958,15 @@ def test_a_position_may_name_its_frame(frame, tmp_path):
     assert found.units[:3] == ("m", "m", "m")
 
 
+def test_pixels_beside_a_position_keep_a_name_of_their_own(tmp_path):
+    pixels = 1e3 * files.PATH[:, 1:]
+    columns = (files.TIME, *pixels.T, *files.PATH.T)
+    text = files.lines(*columns, header="t,x,y,tcp_x,tcp_y,tcp_z")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("other x", "other y", "x", "y", "z")
+    assert_allclose(found.values, np.hstack([pixels, files.PATH]))
+
+
 def test_of_several_positions_that_of_the_tool_is_suggested(tmp_path):
     groups = ("tool_target", "marker", "tool")
     names = [f"{name}_{axis}" for name in groups for axis in "xyz"]

@@ -173,13 +173,9 @@ def recognise_columns(table: Table, options: ReadingOptions) -> Table:
     if set(channels) <= set.union(*_PARTS):
         sources = [column.number for column in channels.values()]
         others = [c for c in others if c.number not in sources]
-        named = [part for part in _PARTS if part & set(channels)]
+        named = set[str]().union(*(part for part in _PARTS if part & set(channels)))
         recognised = _channels(others, listed, remarks)
-        channels = {
-            name: column
-            for name, column in recognised.items()
-            if not any(name in part for part in named)
-        } | channels
+        channels = {n: c for n, c in recognised.items() if n not in named} | channels
     channels = one_orientation(channels, remarks)
     stated = {name: _stated_unit(name, c, options) for name, c in channels.items()}
     channels = without_false_rotation(channels, stated, remarks)
@@ -297,12 +293,11 @@ def _to_standard_units(
     factors, units = zip(*map(standard_unit, sources), strict=True)
     values *= factors
     for unit in dict.fromkeys(units):
-        names = [
+        if names := [
             name
             for i, name in enumerate(channels)
             if units[i] == unit and factors[i] != 1 and i not in angles
-        ]
-        if names:
+        ]:
             remarks.append(f"{', '.join(names)} converted to {unit}")
     return list(units)
 
@@ -389,6 +384,8 @@ def _channels(
         if len(groups) == 1:
             (group,) = groups.values()
             for column, name in zip(group, axes, strict=False):
+                if column.name != name:  # It may be that of a column without the role.
+                    labels |= {n: f"other {x}" for n, x in labels.items() if x == name}
                 labels[column.number] = name
     normal = (c for c in columns if _NORMAL_FORCE.fullmatch(c.key))
     forces = [c for c in normal if not _COMMANDED.fullmatch(c.key)]
@@ -459,12 +456,19 @@ def _may_be_degrees(group: Sequence[Column]) -> bool:
 def _groups(
     columns: Sequence[Column], form: re.Pattern[str], axes: Sequence[str]
 ) -> _Groups:
-    """Return groups of columns by their prefixes, with one column for each axis."""
+    """Return groups of columns by their prefixes, with one column for each axis.
+
+    Columns whose names differ in the axis alone, unlike `x` and `tcp_y`, come first.
+    """
     groups: dict[str, dict[str, Column]] = {}
-    for column in columns:
-        match = form.fullmatch(column.key)
-        if match:
-            groups.setdefault(match[1] or "", {}).setdefault(match[2], column)
+    keys = {column.key for column in columns}
+    found = [(match, c) for c in columns if (match := form.fullmatch(c.key))]
+    for are_alike in (True, False):
+        for match, column in found:
+            start, end = match.span(2)
+            alike = {f"{column.key[:start]}{axis}{column.key[end:]}" for axis in axes}
+            if (alike <= keys) == are_alike:
+                groups.setdefault(match[1] or "", {}).setdefault(match[2], column)
     complete = {
         prefix: tuple(group[axis] for axis in axes)
         for prefix, group in groups.items()
