@@ -379,7 +379,7 @@ def test_a_last_line_that_was_not_written_to_its_end_is_left_out(tmp_path):
     assert remarks == ["d.csv: line 401, the last, is incomplete: left out"]
 
 
-@pytest.mark.parametrize("name", ["date", "Tiempo", "Temps [s]"])
+@pytest.mark.parametrize("name", ["date", "Tiempo", "Temps [s]", "epoch"])
 def test_times_have_names_of_other_languages_or_that_of_the_date(name, tmp_path):
     text = files.xyz(1.7e9 + files.TIME, header=f"{name},x,y,z")
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
@@ -1377,6 +1377,15 @@ def test_a_time_whose_name_ends_with_t_may_go_back(tmp_path):
     file = files.write(tmp_path, files.xyz(files.TIME % 2, header="robot_t,x,y,z")).path
     with pytest.raises(FmpError, match=r"time does not increase .* Cut the file there"):
         read_demonstrations([file])
+
+
+@pytest.mark.parametrize("unit", ["deg", "°C"])
+def test_a_column_t_in_another_unit_is_not_the_time(unit, tmp_path):
+    columns = (100 * files.PATH[:, 0], 1e3 * files.TIME, *files.PATH.T)
+    text = files.lines(*columns, header=f"T [{unit}],Time [ms],x,y,z")
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("T", "x", "y", "z")
+    assert_allclose(found.time, files.TIME)
 
 
 def test_a_second_time_is_no_channel(tmp_path):

@@ -10,6 +10,8 @@ import numpy as np
 from fmp_drake.errors import DemonstrationError, SkillFileError
 from fmp_drake.numeric import Array, Indices
 from fmp_drake.primitives.data.reading.table import (
+    ANGLES,
+    LENGTHS,
     TIMES,
     Column,
     ReadingOptions,
@@ -28,7 +30,9 @@ _TIMES = (
     re.compile(r"(.*_)?(time|timestamps?)_(mono(tonic)?|unix|utc)"),
 )
 # Names of times that may be something else: times where nothing else is.
-_OTHER_TIMES = re.compile("date|tiempo|temps|tempo|ipoc|(.*_)?time_from_start")
+_OTHER_TIMES = re.compile(
+    "date|tiempo|temps|tempo|ipoc|epoch|clock|(.*_)?time_(from|since)_start"
+)
 _NANOSECONDS = ("nsecs", "nsec", "nanosec")
 # Ranges of absolute times, s: since 1970, for dates from 2001 on; for ticks of 100 ns,
 # since the year 1 or 1601.
@@ -78,9 +82,11 @@ def time_column(
         column
         for form in _TIMES
         for column in columns
-        if form.fullmatch(column.key) and (not column.suffix or column.suffix in TIMES)
+        if form.fullmatch(column.key) and column.unit not in (*LENGTHS, *ANGLES)
         if not column.key.endswith("_t") or _mostly_increases(column)
     ]
+    # Others may be temperatures.
+    candidates = [c for c in candidates if c.unit in ("", *TIMES)] or candidates
     with_unit = [c for c in columns if c.header_unit in TIMES and c.is_increasing]
     candidates = candidates or with_unit
     stamps = _stamps(columns)
