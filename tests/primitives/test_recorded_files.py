@@ -437,9 +437,10 @@ def test_times_may_be_written_as_matlab_does(form, tmp_path):
     assert_allclose(found.values, files.PATH)
 
 
-def test_milliseconds_of_a_time_of_day_may_follow_a_colon(tmp_path):
+@pytest.mark.parametrize("name", ["time", "Time (YYYY-MM-DD hh:mm:ss:ms)"])
+def test_milliseconds_of_a_time_of_day_may_follow_a_colon(name, tmp_path):
     clock = [f"2019-08-06 10:25:{50 + t:06.3f}".replace(".", ":") for t in files.TIME]
-    text = files.xyz(clock, header="time,x,y,z")
+    text = files.xyz(clock, header=f"{name},x,y,z")
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert_allclose(found.time, files.TIME, atol=1e-6)
 

@@ -254,10 +254,17 @@ def named_unit(header: str) -> tuple[str, str]:
 
 
 def unit_symbol(unit: str) -> str:
-    """Return the symbol of a unit that is spelled out, such as `Millimeters`."""
+    """Return the symbol of a unit that is spelled out, such as `Millimeters`.
+
+    A form, such as `hh:mm:ss`, is no unit.
+    """
     lower = unit.strip().lower()
     known = {*TIMES, *LENGTHS, *ANGLES}
-    return SYMBOLS.get(lower, lower if lower in known else unit.strip())
+    return (
+        ""
+        if ":" in unit
+        else SYMBOLS.get(lower, lower if lower in known else unit.strip())
+    )
 
 
 def suffixed_unit(name: str) -> tuple[str, str]:
