@@ -379,6 +379,16 @@ def test_a_last_line_that_was_not_written_to_its_end_is_left_out(tmp_path):
     assert remarks == ["d.csv: line 401, the last, is incomplete: left out"]
 
 
+@pytest.mark.parametrize(
+    "times", [{"tout": files.TIME}, {"Fs": files.RATE}, {"Ts": 1 / files.RATE}]
+)
+def test_times_and_rates_of_simulations_have_short_names(times, tmp_path):
+    np.savez(tmp_path / "d.npz", xout=files.PATH, **times)
+    (found,), _ = read_demonstrations([tmp_path / "d.npz"])
+    assert_allclose(found.time, files.TIME)
+    assert_allclose(found.values, files.PATH)
+
+
 @pytest.mark.parametrize("name", ["date", "Tiempo", "Temps [s]", "epoch"])
 def test_times_have_names_of_other_languages_or_that_of_the_date(name, tmp_path):
     text = files.xyz(1.7e9 + files.TIME, header=f"{name},x,y,z")
@@ -912,6 +922,18 @@ def test_positions_of_joint_states_in_a_table_are_read(name, words, tmp_path):
     assert "velocities and efforts of joints left out" in remarks[0]
 
 
+def test_numbered_positions_without_names_may_be_degrees(tmp_path):
+    degrees = np.rad2deg(files.JOINTS)
+    kinds = [f"{kind}_{i}" for kind in ("Position", "Velocity") for i in range(7)]
+    text = files.lines(
+        files.TIME, *degrees.T, *degrees.T, header=",".join(["t", *kinds])
+    )
+    (found,), (remark,) = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == tuple(f"joint_{i}" for i in range(1, 8))
+    assert_allclose(found.values, files.JOINTS)
+    assert "joint_7 reach 143 and are taken for degrees" in remark
+
+
 def test_forces_of_a_universal_robot_are_read_beside_its_pose(tmp_path):
     (found,), remarks = read_demonstrations([files.ur_rtde(tmp_path).path])
     assert "TCP_force_0 to actual_TCP_force_5 are a force and a torque" in remarks[0]
@@ -1113,8 +1135,13 @@ def test_a_column_with_one_value_is_left_out(tmp_path):
     assert "start left out: less than 2 values" in remarks[0]
 
 
-@pytest.mark.parametrize("name", ["tcp", "actual_tcp", "ee", "eef"])
-@pytest.mark.parametrize("count", [3, 6])
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        *((name, n) for name in ("tcp", "actual_tcp", "ee", "eef") for n in (3, 6)),
+        ("pose", 6),
+    ],
+)
 def test_numbered_columns_of_a_tool_begin_with_a_position(name, count, tmp_path):
     header = ",".join(["time", *(f"{name}_{i}" for i in range(count))])
     columns = (files.TIME, *files.PATH.T, *(0.1 * files.PATH.T)[: count - 3])

@@ -44,7 +44,18 @@ FORMAT = FileFormat(
 )
 METADATA = ("channels", "units", "frame", "note", "rotation_reference")
 """Fields of a demonstration in the metadata of a saved file."""
-_RATES = ("fps", "rate", "sample_rate", "frequency", "control_freq", "dt")
+# Names of rates, the last two of intervals.
+_RATES = (
+    "fps",
+    "rate",
+    "sample_rate",
+    "frequency",
+    "control_freq",
+    "fs",
+    "Fs",
+    "Ts",
+    "dt",
+)
 # Last words of the names of joint angles, and of the names of the joints.
 _JOINT_ANGLES = re.compile(r"(joint_?)?(positions?|angles?|states?)|q|qpos|joints?")
 _JOINT_NAMES = re.compile(r"(joint_?)?names?")
@@ -398,7 +409,7 @@ def rate_in(settings: Mapping[str, Any]) -> float | None:
     for name in _RATES:
         number = np.asarray(settings.get(name))
         if number.dtype.kind in "iuf" and number.size == 1 and number.item() > 0:
-            return 1 / number.item() if name == "dt" else float(number.item())
+            return 1 / number.item() if name in _RATES[-2:] else float(number.item())
     return None
 
 

@@ -24,7 +24,7 @@ from fmp_drake.primitives.data.reading.table import (
 _TIMES = (
     re.compile(r"(.*_)?(header_)?stamp"),
     re.compile(
-        r"(.*_)?(u?time|timestamps?|ts|t|times|datetime|elapsed|sec|secs|seconds)"
+        r"(.*_)?(u?time|timestamps?|ts|t|tout|times|datetime|elapsed|sec|secs|seconds)"
         r"|zeit|zeitstempel|uhrzeit|datum"
     ),
     re.compile(r"(.*_)?(time|timestamps?)_(mono(tonic)?|unix|utc)"),

@@ -38,7 +38,9 @@ _JOINTS = re.compile(r"(.*_)?(q|qpos|joints?|joint_positions?|theta|angles?)")
 _WRENCH = re.compile(
     r"(.*?)_?(force_torque|force|wrench|ft|(?<![a-z0-9])f|f_ext_hat_k)(?:_raw|_sensor)?"
 )
-_CARTESIAN = re.compile(rf"(.*_)?((cart|cartesian|tool|flange|pose|{_TOOL})_|{_TOOL})")
+_CARTESIAN = re.compile(
+    rf"(?!.*joint)(.*_)?((cart|cartesian|tool|flange|pose|{_TOOL})_|{_TOOL}|pose)"
+)
 # Doosan: a position in mm, and angles about z, y and z in degrees.
 _DOOSAN = re.compile(r"(.*_)?posx")
 _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
@@ -177,14 +179,16 @@ def _numbered_joints(
     words = {re.sub(r"\W+|_+", "", n.lower()): w for n, w in table.words.items()}
     place = f"{stem}name".replace("_", "")
     labels = [words.get(f"{place}{n}", "") for n in sorted(members)]
+    unit = "rad"  # Of a message with names.
     if len(set(labels) - {""}) != len(members):
-        labels = [f"joint_{n}" for n in range(1, len(members) + 1)]
+        labels, unit = [f"joint_{n}" for n in range(1, len(members) + 1)], ""
     rates = {
         i
         for kind in _RATES_OF_JOINTS
         for i in numbered.get(f"{stem}{kind}", {}).values()
     }
-    return _joints(labels, [members[n] for n in sorted(members)], rates, values)
+    joints = _joints(labels, [members[n] for n in sorted(members)], rates, values)
+    return joints._replace(units=[unit] * len(labels))
 
 
 def _joint_states(

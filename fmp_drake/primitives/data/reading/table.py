@@ -76,7 +76,7 @@ SOURCE_NAME = re.compile(
 )
 _MOST_SOURCES, _FEWEST_ROWS, _MOSTLY = 20, 20, 0.6
 # Names of arrays of times.
-TIME_NAME = re.compile(r"(?:.*[/.])?(time|times|timestamps?|t)")
+TIME_NAME = re.compile(r"(?:.*[/.])?(time|times|timestamps?|t|tout)")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
