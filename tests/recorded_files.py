@@ -210,7 +210,31 @@ def qualisys(folder):
     )
     header = "Frame\tTime\tWand X\tWand Y\tWand Z\t"
     columns = lines(
-        range(1, len(TIME) + 1), TIME, *PATH.T, header=header, delimiter="\t"
+        range(1, len(TIME) + 1), TIME, *1e3 * PATH.T, header=header, delimiter="\t"
+    )
+    return write(folder, settings + columns, "d.tsv")
+
+
+def qualisys_without_names(folder):
+    """Only the coordinates of the marker below the settings."""
+    settings = f"NO_OF_FRAMES\t{len(TIME)}\nFREQUENCY\t{RATE}\nMARKER_NAMES\tWand\n"
+    return write(folder, settings + lines(*1e3 * PATH.T, delimiter="\t"), "d.tsv")
+
+
+def qualisys_bodies(folder, turns=TURNS, *, by_rows=False):
+    """Position, roll, pitch, yaw, a residual and a matrix of a rigid body."""
+    settings = f"FILE_VERSION\t2.0.0\nFREQUENCY\t{RATE}\nBODY_NAMES\tTool\n"
+    names = ["X", "Y", "Z", "Roll", "Pitch", "Yaw", "Residual"]
+    names += [f"Rot[{i}]" for i in range(9)]
+    angles = turns.as_euler("XYZ", degrees=True)
+    matrices = (turns if by_rows else turns.inv()).as_matrix().reshape(-1, 9)
+    columns = lines(
+        *1e3 * PATH.T,
+        *angles.T,
+        0 * TIME,
+        *matrices.T,
+        header="\t".join(names),
+        delimiter="\t",
     )
     return write(folder, settings + columns, "d.tsv")
 

@@ -63,6 +63,7 @@ POSITIONS = (
     files.units_in_the_singular,
     files.number_after_a_column_of_words,
     files.qualisys,
+    files.qualisys_without_names,
     files.hands_in_turn,
     files.numbered_sensors_in_turn,
     files.landmarks_of_hands,
@@ -166,6 +167,7 @@ POSES = (
     files.ros1_out_of_order,
     files.optitrack,
     files.optitrack_in_millimetres,
+    files.qualisys_bodies,
     files.libfranka,
     files.libfranka_desired_too,
     files.rostopic_of_franka,
@@ -370,6 +372,25 @@ def test_recognised_columns_are_reported(make, said, tmp_path):
     (found,), remarks = read(make, tmp_path)
     assert re.search(said, remarks)
     assert found.note in remarks
+
+
+def test_a_lost_marker_of_qualisys_is_left_out(tmp_path):
+    path = files.qualisys_without_names(tmp_path).path
+    text = path.read_text().splitlines()
+    text[53] = "0.000\t0.000\t0.000"
+    path.write_text("\n".join(text) + "\n")
+    (found,), _ = read_demonstrations([path])
+    assert_allclose(found.time, np.delete(files.TIME, 50))
+    assert_allclose(found.values, np.delete(files.PATH, 50, axis=0))
+
+
+def test_other_exports_of_qualisys_are_tables(tmp_path):
+    text = "NO_OF_FRAMES\t400\nFREQUENCY\t50\nDATA_INCLUDED\tAngle\n\n" + files.lines(
+        files.TIME, files.PATH[:, 0], header="Time\tknee", delimiter="\t"
+    )
+    (found,), _ = read_demonstrations([files.write(tmp_path, text, "d.tsv").path])
+    assert found.channels == ("knee",)
+    assert_allclose(found.time, files.TIME)
 
 
 def test_a_last_line_that_was_not_written_to_its_end_is_left_out(tmp_path):

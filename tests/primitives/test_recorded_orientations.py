@@ -130,6 +130,14 @@ def test_unit_of_euler_angles_that_is_assumed_is_reported(
     assert "are taken for" not in remarks
 
 
+@pytest.mark.parametrize("by_rows", [True, False])
+def test_a_matrix_of_qualisys_is_by_columns_unless_its_angles_contradict(
+    by_rows, tmp_path
+):
+    found, _ = read(files.qualisys_bodies(tmp_path, TURNS, by_rows=by_rows).path)
+    assert_pose(found)
+
+
 @pytest.mark.parametrize(
     "header",
     [

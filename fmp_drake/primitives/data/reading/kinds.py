@@ -167,6 +167,8 @@ _FIRST_BYTES: dict[bytes, _Reader] = {
     b"\x1f\x8b": _read_packed,
     b"Format Version,": motion_capture.read_optitrack,
     b"PathFileType": motion_capture.read_trc,
+    b"NO_OF_FRAMES\t": motion_capture.read_qualisys,
+    b"FILE_VERSION\t": motion_capture.read_qualisys,
 }
 _ALTERNATIVES = (
     "; a demonstration is a table (.csv, .tsv, .txt, .xlsx; OptiTrack, Vicon), .npz, .npy, "

@@ -1,9 +1,11 @@
-"""Readers of motion-capture tables: OptiTrack Motive, Vicon Nexus, TRC."""
+"""Readers of motion-capture tables: OptiTrack Motive, Vicon Nexus, Qualisys, TRC."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import SkillFileError
 from fmp_drake.numeric import Array
@@ -13,11 +15,21 @@ from fmp_drake.primitives.data.reading.table import (
     count_text,
     unit_symbol,
 )
-from fmp_drake.primitives.data.reading.text import number_in, read_lines, split_cells
+from fmp_drake.primitives.data.reading.text import (
+    number_in,
+    read_lines,
+    read_text,
+    split_cells,
+)
 
 # Sections of a Vicon file, the best first.
 _SECTIONS = ("Objects", "Segments", "Trajectories", "Model Outputs", "Joints")
 _RIGID = ("Rigid Body", "Bone")
+# A setting in the header of Qualisys, and the columns of a marker and of a rigid body.
+_SETTING = re.compile(r"[A-Z_]{3,}\t")
+_MARKER, _BODY = 3, 16
+# Greatest error of the elements of a rotation from rounded angles.
+_ROUNDED = 1e-2
 
 
 def is_vicon(text: bytes) -> bool:
@@ -116,6 +128,70 @@ def read_vicon(path: Path, _options: ReadingOptions) -> list[Table]:
         remarks=(f"Vicon, {title} at {rate:g} Hz",),
     )
     return [table]
+
+
+def read_qualisys(path: Path, options: ReadingOptions) -> list[Table]:
+    """Return the markers or rigid bodies of a Qualisys export, in mm.
+
+    Names above the columns, frames and times may be missing. Other exports, such as of angles,
+    are read as text. Lost markers are zeros.
+    """
+    lines = read_lines(path)
+    rows = [split_cells(line.rstrip("\t"), "\t") for line in lines]
+    count = next((i for i, s in enumerate(lines) if not _SETTING.match(s)), len(lines))
+    settings = {row[0]: row[1:] for row in rows[:count]}
+    numbers = (i for i in range(count, len(rows)) if rows[i] and _is_number(rows[i][0]))
+    start = next(numbers, None)
+    kind = "BODY_NAMES" if "BODY_NAMES" in settings else "MARKER_NAMES"
+    size = _BODY if kind == "BODY_NAMES" else _MARKER
+    names, rate = settings.get(kind, []), number_in(settings.get("FREQUENCY", [""])[0])
+    first = -1 if start is None else len(rows[start]) - size * len(names)
+    if start is None or not (names and rate and first in (0, 1, 2)):
+        return read_text(path, options)
+    columns = range(first, first + size * len(names))
+    values = _numbers(path, rows[start:], columns, start + 1)
+    parts, labels, places = [np.arange(len(values))[:, None] / rate], ["time"], [0]
+    for i, name in enumerate(names):
+        block = values[:, size * i : size * (i + 1)]
+        block[np.all(block[:, :3] == 0, axis=1)] = np.nan
+        parts.append(block[:, :3])
+        labels += [f"{name} {axis}" for axis in "XYZ"]
+        places += [first + size * i + k for k in (1, 2, 3)]
+        if size == _BODY:
+            parts.append(_qualisys_turns(block))
+            labels += [f"{name} q{axis}" for axis in "xyzw"]
+            places += [0] * 4
+    table = Table(
+        names=tuple(labels),
+        units=("s", *("" if " q" in label else "mm" for label in labels[1:])),
+        numbers=tuple(places),
+        values=np.hstack(parts),
+        remarks=(f"Qualisys, {', '.join(names)} at {rate:g} Hz",),
+    )
+    return [table]
+
+
+def _is_number(cell: str) -> bool:
+    return bool(cell) and number_in(cell) is not None
+
+
+def _qualisys_turns(block: Array) -> Array:
+    """Return the quaternions (N, 4) of a rigid body's columns (N, 16); NaN where it was lost.
+
+    They hold the position, roll, pitch and yaw, R = Rx Ry Rz, a residual, and R by columns,
+    or by rows where that agrees with the angles.
+    """
+    angles = np.nan_to_num(block[:, 3:6])
+    rows = np.nan_to_num(block[:, 7:]).reshape(-1, 3, 3)
+    is_known = np.linalg.det(rows) > 0.5
+    rows[~is_known] = np.eye(3)
+    expected = Rotation.from_euler("XYZ", angles, degrees=True).as_matrix()
+    errors = np.abs(rows - expected)[is_known]
+    is_by_rows = np.max(errors, initial=0.0) < _ROUNDED
+    matrices = rows if is_by_rows else np.swapaxes(rows, 1, 2)
+    turns: Array = Rotation.from_matrix(matrices).as_quat()
+    turns[~is_known] = np.nan
+    return turns
 
 
 def read_trc(path: Path, _options: ReadingOptions) -> list[Table]:
