@@ -19,7 +19,8 @@ from fmp_drake.primitives.data.channels import (
     ROTATION_CHANNELS,
 )
 from fmp_drake.primitives.data.orientation import rotations_of
-from fmp_drake.primitives.data.reading.columns import JOINT, NO_MEASURED_ANGLES
+from fmp_drake.primitives.data.reading.columns import NO_MEASURED_ANGLES
+from fmp_drake.primitives.data.reading.groups import JOINT
 from fmp_drake.primitives.data.reading.table import columns_option
 from fmp_drake.station import LoadRobot
 from fmp_drake.station.robots.robot import DEFAULT_ROBOT, ListRobots, MakeRobotModel

@@ -955,6 +955,17 @@ def test_numbered_positions_without_names_may_be_degrees(tmp_path):
     assert "joint_7 reach 143 and are taken for degrees" in remark
 
 
+@pytest.mark.parametrize("others", [[], ["measured"]])
+def test_measured_positions_of_joints_are_read_before_commanded_ones(others, tmp_path):
+    kinds = ["commanded", *others]
+    names = [f"{kind}_joint_position_{i}" for kind in kinds for i in range(7)]
+    columns = [(files.JOINTS + 0.01 * (kind == "commanded")).T for kind in kinds]
+    text = files.lines(files.TIME, *np.vstack(columns), header=",".join(["t", *names]))
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    read_joints = found.select([f"joint_{i}" for i in range(1, 8)]).values
+    assert_allclose(read_joints, files.JOINTS + 0.01 * (not others))
+
+
 def test_forces_of_a_universal_robot_are_read_beside_its_pose(tmp_path):
     (found,), remarks = read_demonstrations([files.ur_rtde(tmp_path).path])
     assert "TCP_force_0 to actual_TCP_force_5 are a force and a torque" in remarks[0]
@@ -1009,6 +1020,17 @@ def test_pixels_beside_a_position_keep_a_name_of_their_own(tmp_path):
     (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
     assert found.channels == ("other x", "other y", "x", "y", "z")
     assert_allclose(found.values, np.hstack([pixels, files.PATH]))
+
+
+@pytest.mark.parametrize("name", ["Kraft", "Fuerza", "Last"])
+def test_three_components_in_newtons_are_a_force_in_any_language(name, tmp_path):
+    names = ["Weg X [mm]", "Weg Y [mm]", "Weg Z [mm]"]
+    names += [f"{name} {axis} [N]" for axis in "XYZ"]
+    columns = (files.TIME, *1e3 * files.PATH.T, *files.FORCE.T)
+    text = files.lines(*columns, header=",".join(["Zeit [s]", *names]))
+    (found,), _ = read_demonstrations([files.write(tmp_path, text).path])
+    assert found.channels == ("x", "y", "z", "force_x", "force_y", "force_z")
+    assert_allclose(found.values, np.hstack([files.PATH, files.FORCE]))
 
 
 def test_of_several_positions_that_of_the_tool_is_suggested(tmp_path):

@@ -428,6 +428,7 @@ def test_w_x_y_and_z_are_a_quaternion_of_about_unit_length(length, tmp_path):
         "PosX,PoseY,PoseZ,OrienX,OrienY,OrienZ,OrienW",  # Not several positions.
         "px,py,pz,turned x,turned y,turned z,turned w",
         "tool_x,tool_y,tool_z,tool_rx,tool_ry,tool_rz,tool_rw",
+        "Tx,Ty,Tz,Qx,Qy,Qz,Q0",
     ],
 )
 def test_x_y_z_and_w_of_unit_length_are_a_quaternion_by_any_name(header, tmp_path):

@@ -24,7 +24,12 @@ from fmp_drake.primitives.data.reading.angles import (
     without_false_rotation,
 )
 from fmp_drake.primitives.data.reading.clock import ordered_times, time_column
-from fmp_drake.primitives.data.reading.groups import QUATERNION, column_groups
+from fmp_drake.primitives.data.reading.groups import (
+    COMMANDED,
+    JOINT,
+    QUATERNION,
+    column_groups,
+)
 from fmp_drake.primitives.data.reading.rows import (
     LEAST_COMPLETE,
     interpolated,
@@ -60,32 +65,24 @@ _VECTORS = "rotvec|rotation_vector|axis_angle"
 _ROTATION = re.compile(_WORD.format(_TURNS, rf"(?:r|(?:{_VECTORS})_)([xyz])"))
 _EULER = re.compile(_WORD.format(_TURNS, "(roll|pitch|yaw)"))
 _KUKA = re.compile(_WORD.format(_TURNS, "([abc])"))
-_QUATERNION_IJK = re.compile(QUATERNION.pattern.replace("xyzw", "ijkw"))
+# Quaternions, the last two with the names of mathematics and of trackers.
+_QUATERNIONS = {
+    axes: re.compile(QUATERNION.pattern.replace("xyzw", axes))
+    for axes in ("xyzw", "ijkw", "xyz0")
+}
 # Words at the end of a prefix that do not name the body, as in `left_ee`.
 _NO_BODY = re.compile(rf"(?:(?:^|_)(?:{_PLACES}))+$")
-JOINT = re.compile(
-    r"(?:(.*)[_./])?"
-    r"(?:joints?(?:_(?:pos(?:itions?)?|angles?|states?))?"
-    r"|(?<!joint_)positions|qpos|jpos|posj|theta|axis|q|j|a)"
-    r"[_.[ ]?(\d)\]?(?:[_./](?:pos(?:ition)?|angle))?",
-    re.IGNORECASE,
-)
-"""Name of a joint's angle: a prefix, if any, and the joint's number."""
 # Numbers of the joints of an arm, which begin with 1 or 0.
 _NUMBERS = ("1234567", "0123456", "123456", "012345")
-# Positions that were commanded instead of measured.
-_COMMANDED = re.compile(
-    r"(^|.*_)(t_ee_[dc]|ik|des|desired|target|cmd|command|commanded|actions?|ref|reference|goal|rsol|soll|planned)"
-    r"(_.*|$)"
-)
 _NO_ANGLES = "vel|acc|speed|tau|torque|effort|force|temp"
-NO_MEASURED_ANGLES = re.compile(rf"{_COMMANDED.pattern}|{_NO_ANGLES}|current")
+NO_MEASURED_ANGLES = re.compile(rf"{COMMANDED.pattern}|{_NO_ANGLES}|current")
 """Words in the names of numbered joint values that are not measured angles."""
 _NORMAL_FORCE = re.compile(r"(.*_)?(normal_force|force_normal)")
 _FORCE = re.compile(
     r"(.*?)_?(?:(?<![a-z0-9])(?:(?:net)?fts?\d*(?:_raw|_sensor)?"
     r"|f(?:_?(?:ext(?:_hat_k)?|tool)|_tip)?)|force)_?([xyz])"
 )
+_ANY = re.compile("(.*?)_?([xyz])")
 _TORQUE = re.compile(r"(?<![a-z0-9])t(?=_?[xyz]$)")
 # What differs between the names of two arms' columns.
 _SIDE = re.compile(r"left|right|(?<![a-z])[lr](?=_)|\d+")
@@ -317,8 +314,8 @@ def _channels(
     Position, orientation and force get standard names.
     """
     labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
-    orientations = _groups(columns, QUATERNION, "xyzw")
-    orientations = orientations or _groups(columns, _QUATERNION_IJK, "ijkw")
+    found = (_groups(columns, form, axes) for axes, form in _QUATERNIONS.items())
+    orientations = next(filter(None, found), {})
     lengths = [c for c in columns if _is_length(c)]
     keys = {c.key for c in columns}
     # Beside the force fx, fy and fz, tx, ty and tz are a torque, or the position of a pose
@@ -342,7 +339,7 @@ def _channels(
         positions = {p: group for p, group in in_plane.items() if not p}
     # Zeros of a correction or of an absent hand are not a second position.
     moving = {p: g for p, g in positions.items() if any(c.spread for c in g)}
-    if not all(map(_COMMANDED.fullmatch, moving)):
+    if not all(map(COMMANDED.fullmatch, moving)):
         positions = moving
     positions, orientations, commanded = _without_commanded(
         positions, orientations, has_joints=bool(joints)
@@ -353,7 +350,7 @@ def _channels(
         columns = [c for c in columns if c not in commanded]
         names_of_commands = ", ".join(c.name for c in commanded)
         remarks.append(f"{names_of_commands} left out: commanded, not measured")
-    elif positions and all(map(_COMMANDED.fullmatch, positions)):
+    elif positions and all(map(COMMANDED.fullmatch, positions)):
         names_of_commands = ", ".join(c.name for c in next(iter(positions.values())))
         remarks.append(f"{names_of_commands} are commanded; no position is measured")
     angular = [c for c in columns if not c.unit or c.unit in ANGLES]
@@ -367,6 +364,8 @@ def _channels(
     )
     kuka = {p: group for p, group in kuka.items() if _may_be_degrees(group)}
     all_forces = _groups([c for c in columns if c.unit not in LENGTHS], _FORCE, "xyz")
+    in_newtons = [c for c in columns if c.unit in FORCES]
+    all_forces = all_forces or _groups(in_newtons, _ANY, "xyz")
     # Of a Franka arm's forces, that in the frame of its base (o) goes with its pose.
     measured_forces = {
         p: group
@@ -388,12 +387,12 @@ def _channels(
                     labels |= {n: f"other {x}" for n, x in labels.items() if x == name}
                 labels[column.number] = name
     normal = (c for c in columns if _NORMAL_FORCE.fullmatch(c.key))
-    forces = [c for c in normal if not _COMMANDED.fullmatch(c.key)]
+    forces = [c for c in normal if not COMMANDED.fullmatch(c.key)]
     is_force = [c.unit in ("", *FORCES) for c in forces] == [True]
     if is_force and FORCE_CHANNEL not in labels.values():
         labels[forces[0].number] = FORCE_CHANNEL
     if len(positions) > 1:
-        measured = [p for p in positions if not _COMMANDED.fullmatch(p)] or positions
+        measured = [p for p in positions if not COMMANDED.fullmatch(p)] or positions
         widths = {p: max(c.spread for c in positions[p]) for p in measured}
         measured = [p for p in measured if widths[p] >= _STILL * max(widths.values())]
         prefix = max(measured, key=lambda p: bool(_TOOL.search(p)))
@@ -433,7 +432,7 @@ def _without_commanded(
     """Return the measured groups, or all if nothing is measured, and commanded columns."""
     remaining, commanded = [], list[Column]()
     for groups in (positions, orientations):
-        measured = {p: g for p, g in groups.items() if not _COMMANDED.fullmatch(p)}
+        measured = {p: g for p, g in groups.items() if not COMMANDED.fullmatch(p)}
         if len(measured) == 1 or (has_joints and not measured):
             commanded += [c for p, g in groups.items() if p not in measured for c in g]
             groups = measured

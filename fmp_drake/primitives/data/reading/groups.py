@@ -47,6 +47,19 @@ _TCP_POSE = re.compile(r"(.*_)?tcp_pose")
 # LeRobot: a pose, and a gripper or forces.
 _STATE = re.compile(r"(.*_)?state")
 _JOINT_STATE = re.compile(r"(.*)_position")
+JOINT = re.compile(
+    r"(?:(.*)[_./])?"
+    r"(?:joints?(?:_(?:pos(?:itions?)?|angles?|states?))?"
+    r"|(?<!joint_)positions|qpos|jpos|posj|theta|axis|q|j|a)"
+    r"[_.[ ]?(\d)\]?(?:[_./](?:pos(?:ition)?|angle))?",
+    re.IGNORECASE,
+)
+"""Name of a joint's angle: a prefix, if any, and the joint's number."""
+COMMANDED = re.compile(
+    r"(^|.*_)(t_ee_[dc]|ik|des|desired|target|cmd|command|commanded|actions?|ref|reference|goal|rsol|soll|planned)"
+    r"(_.*|$)"
+)
+"""Names of what was commanded instead of measured."""
 _RATES_OF_JOINTS = ("velocity", "velocities", "accelerations", "effort")
 # Greatest error of a quaternion's length, where the name does not say that it is a
 # quaternion, where the elements have its names, and where the name says so.
@@ -94,6 +107,8 @@ def column_groups(
         numbered = {"": {n: count - width + n for n in range(width)}}
     matrices = _matrices(keys)
     numbered |= matrices
+    positions = [prefix for prefix in numbered if prefix.endswith("position")]
+    is_measured = not all(map(COMMANDED.fullmatch, positions))
     for prefix, members in numbered.items():
         count, numbers = len(members), sorted(members)
         if not count or numbers not in (list(range(count)), list(range(1, count + 1))):
@@ -106,7 +121,9 @@ def column_groups(
         are_joints = count > 3 or f"{stem}name_1" in table.words
         if any("time_from_start" in key for key in keys):  # Of a trajectory in ROS.
             stem = stem.removesuffix("positions")
-        if stem != prefix and are_joints and not _CARTESIAN.fullmatch(stem):
+        is_command = is_measured and COMMANDED.fullmatch(prefix)
+        are_joints &= not (_CARTESIAN.fullmatch(stem) or is_command)
+        if stem != prefix and are_joints:
             yield _numbered_joints(table, stem, members, numbered, values)
             continue
         # Coordinates of six markers, or a header with other units than Doosan's.
