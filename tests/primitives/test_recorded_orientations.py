@@ -138,6 +138,15 @@ def test_a_matrix_of_qualisys_is_by_columns_unless_its_angles_contradict(
     assert_pose(found)
 
 
+@pytest.mark.parametrize("body", ["", "tcp_"])
+def test_an_array_of_roll_pitch_and_yaw_is_an_orientation(body, tmp_path):
+    path = tmp_path / "d.npz"
+    arrays = {f"{body}pos": files.PATH, f"{body}rpy": RADIANS}
+    np.savez(path, t=files.TIME, **arrays)
+    found, _ = read(path)
+    assert_pose(found)
+
+
 @pytest.mark.parametrize(
     "header",
     [

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fmp_drake.errors import SkillFileError
-from fmp_drake.primitives.data.channels import listed
+from fmp_drake.primitives.data.channels import EULER_CHANNELS, listed
 from fmp_drake.primitives.data.files import FileFormat, read_npz
 from fmp_drake.primitives.data.reading.columns import ANGLE, NO_MEASURED_ANGLES
 from fmp_drake.primitives.data.reading.groups import are_orthonormal
@@ -341,6 +341,8 @@ def table_of(
         is_named = f"{name[: name.rfind('.') + 1]}name_1" in words  # Joints.
         is_place = width == 3 and not is_named
         axes: Sequence[Any] = "xyz" if is_place else range(1, width + 1)
+        if is_place and column_key(name).endswith("rpy"):
+            axes = EULER_CHANNELS
         names += [
             f"{name}_{axis}" if name and array.ndim == 2 else name for axis in axes
         ]
