@@ -384,6 +384,13 @@ def test_a_lost_marker_of_qualisys_is_left_out(tmp_path):
     assert_allclose(found.values, np.delete(files.PATH, 50, axis=0))
 
 
+def test_a_marker_of_qualisys_may_have_any_name(tmp_path):
+    path = files.qualisys_without_names(tmp_path).path
+    path.write_text(path.read_text().replace("Wand", "left quad"))
+    (found,), _ = read_demonstrations([path])
+    assert_allclose(found.values, files.PATH)
+
+
 def test_other_exports_of_qualisys_are_tables(tmp_path):
     text = "NO_OF_FRAMES\t400\nFREQUENCY\t50\nDATA_INCLUDED\tAngle\n\n" + files.lines(
         files.TIME, files.PATH[:, 0], header="Time\tknee", delimiter="\t"

@@ -44,18 +44,9 @@ FORMAT = FileFormat(
 )
 METADATA = ("channels", "units", "frame", "note", "rotation_reference")
 """Fields of a demonstration in the metadata of a saved file."""
-# Names of rates, the last two of intervals.
-_RATES = (
-    "fps",
-    "rate",
-    "sample_rate",
-    "frequency",
-    "control_freq",
-    "fs",
-    "Fs",
-    "Ts",
-    "dt",
-)
+# Names of rates, Hz, and of intervals, s.
+_RATES = ("fps", "rate", "sample_rate", "frequency", "control_freq", "fs", "Fs")
+_INTERVALS = ("Ts", "dt")
 # Last words of the names of joint angles, and of the names of the joints.
 _JOINT_ANGLES = re.compile(r"(joint_?)?(positions?|angles?|states?)|q|qpos|joints?")
 _JOINT_NAMES = re.compile(r"(joint_?)?names?")
@@ -408,10 +399,10 @@ def _sources(name: str, array: NDArray[Any]) -> list[str]:
 
 def rate_in(settings: Mapping[str, Any]) -> float | None:
     """Return the sample rate among the settings of a file, Hz, if any."""
-    for name in _RATES:
+    for name in (*_RATES, *_INTERVALS):
         number = np.asarray(settings.get(name))
         if number.dtype.kind in "iuf" and number.size == 1 and number.item() > 0:
-            return 1 / number.item() if name in _RATES[-2:] else float(number.item())
+            return 1 / number.item() if name in _INTERVALS else float(number.item())
     return None
 
 

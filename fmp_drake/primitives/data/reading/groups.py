@@ -204,8 +204,8 @@ def _numbered_joints(
         for kind in _RATES_OF_JOINTS
         for i in numbered.get(f"{stem}{kind}", {}).values()
     }
-    joints = _joints(labels, [members[n] for n in sorted(members)], rates, values)
-    return joints._replace(units=[unit] * len(labels))
+    sources = [members[n] for n in sorted(members)]
+    return _joints(labels, sources, rates, values, unit=unit)
 
 
 def _joint_states(
@@ -227,11 +227,16 @@ def _joint_states(
 
 
 def _joints(
-    labels: list[str], sources: list[int], rates: set[int], values: Array
+    labels: list[str],
+    sources: list[int],
+    rates: set[int],
+    values: Array,
+    *,
+    unit: str = "rad",
 ) -> Group:
     """Return joint angles as a group that also replaces their velocities and efforts."""
     remark = "velocities and efforts of joints left out" if rates else ""
-    units = ["rad"] * len(labels)
+    units = [unit] * len(labels)
     return Group({*sources, *rates}, labels, units, values[:, sources], remark)
 
 

@@ -151,19 +151,22 @@ def read_qualisys(path: Path, options: ReadingOptions) -> list[Table]:
     columns = range(first, first + size * len(names))
     values = _numbers(path, rows[start:], columns, start + 1)
     parts, labels, places = [np.arange(len(values))[:, None] / rate], ["time"], [0]
+    units = ["s"]
     for i, name in enumerate(names):
         block = values[:, size * i : size * (i + 1)]
         block[np.all(block[:, :3] == 0, axis=1)] = np.nan
         parts.append(block[:, :3])
         labels += [f"{name} {axis}" for axis in "XYZ"]
+        units += ["mm"] * 3
         places += [first + size * i + k for k in (1, 2, 3)]
         if size == _BODY:
             parts.append(_qualisys_turns(block))
             labels += [f"{name} q{axis}" for axis in "xyzw"]
+            units += [""] * 4
             places += [0] * 4
     table = Table(
         names=tuple(labels),
-        units=("s", *("" if " q" in label else "mm" for label in labels[1:])),
+        units=tuple(units),
         numbers=tuple(places),
         values=np.hstack(parts),
         remarks=(f"Qualisys, {', '.join(names)} at {rate:g} Hz",),

@@ -256,15 +256,13 @@ def named_unit(header: str) -> tuple[str, str]:
 def unit_symbol(unit: str) -> str:
     """Return the symbol of a unit that is spelled out, such as `Millimeters`.
 
-    A form, such as `hh:mm:ss`, is no unit.
+    It is empty for the format of a time of day, such as `hh:mm:ss`.
     """
+    if ":" in unit:
+        return ""
     lower = unit.strip().lower()
     known = {*TIMES, *LENGTHS, *ANGLES}
-    return (
-        ""
-        if ":" in unit
-        else SYMBOLS.get(lower, lower if lower in known else unit.strip())
-    )
+    return SYMBOLS.get(lower, lower if lower in known else unit.strip())
 
 
 def suffixed_unit(name: str) -> tuple[str, str]:
