@@ -234,6 +234,9 @@ def make_folder(path: Path) -> None:
     """Create an output folder if it is missing."""
     try:
         path.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        text = f"cannot write into {path}: it is a file; name a folder."
+        raise FmpError(text) from None
     except OSError as error:
         raise FmpError(f"cannot write into {path}: {error.strerror}.") from None
 

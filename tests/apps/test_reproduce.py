@@ -6,8 +6,12 @@ from fmp_drake.experiments.report import Finding
 def test_folder_that_cannot_be_made_is_refused(refused, tmp_path):
     file = tmp_path / "file"
     file.touch()
-    for out in (file, file / "x"):
-        assert f"cannot write into {out}: " in refused("reproduce", "--out", out)
+    for out, reason in (
+        (file, "it is a file; name a"),
+        (file / "x", "Not a directory"),
+    ):
+        text = f"cannot write into {out}: {reason}"
+        assert text in refused("reproduce", "--out", out)
 
 
 def test_failed_claim_is_printed_with_its_numbers(command, monkeypatch, tmp_path):

@@ -253,6 +253,28 @@ def test_a_quaternion_is_preferred_to_other_angles(header, tmp_path):
     assert "left out: the orientation is that of qx, qy, qz, qw" in remarks
 
 
+@pytest.mark.parametrize(
+    "header", ["euler_x,euler_y,euler_z", "ThetaX,ThetaY,ThetaZ", "rot.x,rot.y,rot.z"]
+)
+def test_remark_on_angles_of_an_unknown_order_tells_how_to_read_them(header, tmp_path):
+    path = table(tmp_path, RADIANS, header=f"x,y,z,{header}")
+    remarks = read(path)[1]
+    assert f"{header.replace(',', ', ')} are not read as an orientation" in remarks
+    found, remarks = read(path, option_in(remarks))
+    assert_pose(found)
+    assert "not read" not in remarks
+    both = f"x,y,z,{header},qx,qy,qz,qw"
+    assert "not read" not in read(table(tmp_path, RADIANS, QUATERNIONS, header=both))[1]
+
+
+@pytest.mark.parametrize(
+    "header", ["angular_x,angular_y,angular_z", "euler_x,euler_y,euler", "wx,wy,wz"]
+)
+def test_rates_and_single_angles_are_not_taken_for_an_orientation(header, tmp_path):
+    remarks = read(table(tmp_path, RADIANS, header=f"x,y,z,{header}"))[1]
+    assert "not read as an orientation" not in remarks
+
+
 def test_angles_of_a_numbered_pose_are_read_by_the_advised_option(tmp_path):
     path = tmp_path / "d.npz"
     pose = np.hstack([files.PATH, RADIANS])

@@ -1,6 +1,8 @@
 """Units of recorded angles, and recorded orientations as quaternions."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,6 +17,10 @@ from fmp_drake.primitives.data.channels import (
 )
 from fmp_drake.primitives.data.reading.table import ANGLES, Column, columns_option
 
+# Angles about three axes, whose names do not say in which order the turns are made.
+_TURNS = re.compile(
+    r"(.*?)(?<![a-z])(euler(?:_angles?)?|rot(?:ation)?|theta|angles?)_?([xyz])"
+)
 # Greatest angle in rad, if it has no unit: two revolutions.
 _LARGEST_ANGLE = 4 * np.pi
 REVOLUTION = 2 * np.pi + 0.1
@@ -32,15 +38,38 @@ _LENGTH_ERROR, _MOST_RUNS = 0.1, 3
 def one_orientation(
     channels: dict[str, Column], remarks: list[str]
 ) -> dict[str, Column]:
-    """Return the channels with one orientation: the quaternion, or the rotation vector."""
+    """Return the channels with one orientation: the quaternion, or the rotation vector.
+
+    Without any, a remark names the columns that may be one.
+    """
     kinds = (QUATERNION_CHANNELS, ROTATION_CHANNELS, EULER_CHANNELS)
     complete = [kind for kind in kinds if set(kind) <= set(channels)]
+    if not complete:
+        remarks += map(_unread_angles, _angles_about_axes(channels.values()))
     for kind in complete[1:]:
         omitted = ", ".join(channels[name].name or name for name in kind)
         read = ", ".join(complete[0])
         remarks.append(f"{omitted} left out: the orientation is that of {read}")
         channels = {name: c for name, c in channels.items() if name not in kind}
     return channels
+
+
+def _angles_about_axes(columns: Iterable[Column]) -> list[tuple[Column, ...]]:
+    """Return the columns of each three angles about x, y and z."""
+    found = defaultdict[tuple[str, str], dict[str, Column]](dict)
+    for column in columns:
+        if match := _TURNS.fullmatch(column.key):
+            found[match[1], match[2]][match[3]] = column
+    return [tuple(f[a] for a in "xyz") for f in found.values() if len(f) == 3]
+
+
+def _unread_angles(columns: Sequence[Column]) -> str:
+    """Return the remark on angles that may be an orientation."""
+    return (
+        f"{', '.join(column.name for column in columns)} are not read as an orientation, because "
+        "the order of the turns is unknown; if they are roll, pitch and yaw, "
+        f"R = Rz(yaw) Ry(pitch) Rx(roll), add {euler_option([c.source for c in columns])}"
+    )
 
 
 def euler_option(sources: Sequence[str]) -> str:
