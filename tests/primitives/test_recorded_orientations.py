@@ -72,6 +72,8 @@ def assert_pose(found, turns=TURNS):
         ("X,Y,Z,A,B,C", DEGREES[:, ::-1], ""),
         ("X,Y,Z,A [rad],B [rad],C [rad]", RADIANS[:, ::-1], ""),
         ("act_X,act_Y,act_Z,act_A,act_B,act_C", DEGREES[:, ::-1], ""),
+        ("X,Y,Z,W,P,R", DEGREES, ""),
+        ("pos.x,pos.y,pos.z,pos.w,pos.p,pos.r", DEGREES, ""),
         ("x,y,z,u,v,w", DEGREES, "roll=u,pitch=v,yaw=w"),
         ("x,y,z,u,v,w", RADIANS, "roll=5,pitch=6,yaw=7"),
         ("x,y,z,u,v,w", DEGREES, "roll=u [deg],pitch=v [deg],yaw=w [deg]"),
@@ -152,6 +154,8 @@ def test_an_array_of_roll_pitch_and_yaw_is_an_orientation(body, tmp_path):
     [
         "x,y,z,shoulder_roll,shoulder_pitch,shoulder_yaw",
         "u,v,w,a,b,c",
+        "u,v,q,w,p,r",
+        "x,y,z,p,q,r",
         "x,y,z,k_a,k_b,k_c",
         "x,y,z,roll,pitch,heading",
     ],
@@ -162,17 +166,20 @@ def test_other_angles_are_no_orientation(header, tmp_path):
     assert found.rotation_reference is None
 
 
+@pytest.mark.parametrize("letters", ["A,B,C", "W,P,R"])
 @pytest.mark.parametrize("unit", ["m", "mm", "mm in the header", "mm by option"])
-def test_small_angles_of_a_kuka_are_degrees_beside_millimetres(unit, tmp_path):
+def test_small_angles_of_a_controller_are_degrees_beside_millimetres(
+    unit, letters, tmp_path
+):
     angles = np.sin(files.TIME)[:, None] * [1, 0, 0]
     names = "x [mm],y [mm],z [mm]" if "header" in unit else "x,y,z"
     scale = 1.0 if unit == "m" else 1e3
     columns = (files.TIME, *(scale * files.PATH).T, *angles.T)
-    text = files.lines(*columns, header=f"time,{names},A,B,C")
+    text = files.lines(*columns, header=f"time,{names},{letters}")
     given = {"unit": "mm"} if "option" in unit else {}
     found, remark = read(files.write(tmp_path, text).path, **given)
     kind = "radians" if unit == "m" else "degrees"
-    assert f"A, B, C reach 1 and are taken for {kind}" in remark
+    assert f"{letters.replace(',', ', ')} reach 1 and are taken for {kind}" in remark
     turns = rotations_of(
         found.select(["rx", "ry", "rz"]).values, found.rotation_reference
     )

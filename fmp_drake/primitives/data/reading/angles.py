@@ -77,6 +77,11 @@ def euler_option(sources: Sequence[str]) -> str:
     return columns_option(dict(zip(EULER_CHANNELS, sources, strict=True)))
 
 
+def may_be_degrees(group: Sequence[Column]) -> bool:
+    """Return whether no value in a group of columns is greater than a revolution."""
+    return all(np.nanmax(np.abs(c.values), initial=0.0) <= 360 for c in group)
+
+
 def angle_units(
     values: Array,
     channels: Mapping[str, Column],
@@ -86,9 +91,10 @@ def angle_units(
 ) -> dict[int, str]:
     """Return the unit of each angle without a stated one, by the index of its channel.
 
-    Rotation vectors are in rad. Euler angles are in degrees if one is greater than a revolution, or if they
-    are KUKA's beside a position in mm, as its controllers write them, and do not jump by 2 pi; other angles
-    if one is greater than two revolutions.
+    Rotation vectors are in rad. Euler angles are in degrees if one is greater than a
+    revolution, or if they have the names of KUKA's or FANUC's controllers, beside a position
+    in mm as these write it, and do not jump by 2 pi; other angles if one is greater than two
+    revolutions.
     """
     names, columns = list(channels), list(channels.values())
     rotation, euler = (
@@ -98,12 +104,13 @@ def angle_units(
     angles = {i: u for i, u in enumerate(units) if u == "rad" and not stated[i]}
     others = [i for i in angles if i not in (*rotation, *euler)]
     euler = [i for i in angles if i in euler]
-    are_kuka = {columns[i].key[-1:] for i in euler} == {"a", "b", "c"}
+    letters = {columns[i].key[-1:] for i in euler}
     largest_step = np.max(np.abs(np.diff(values[:, euler], axis=0)), initial=0.0)
     position = [i for i, name in enumerate(names) if name in POSITION_CHANNELS]
     farthest = float(np.max(np.abs(values[:, position]), initial=0.0))
     are_metres = {units[i] for i in position} == {"m"} and farthest < _FARTHEST
-    is_controller = are_kuka and not are_metres and largest_step < _TURN
+    by_controller = letters in ({*"abc"}, {*"wpr"})
+    is_controller = by_controller and not are_metres and largest_step < _TURN
     limit = 0.0 if is_controller else REVOLUTION
     for group, most in ((others, _LARGEST_ANGLE), (euler, limit)):
         largest = float(np.max(np.abs(values[:, group]), initial=0.0))

@@ -20,6 +20,7 @@ from fmp_drake.primitives.data.reading.angles import (
     angle_units,
     check_quaternions,
     continuous_angles,
+    may_be_degrees,
     one_orientation,
     without_false_rotation,
 )
@@ -64,7 +65,10 @@ _POSITION = re.compile(_WORD.format(_PLACES, "([xyz])"))
 _VECTORS = "rotvec|rotation_vector|axis_angle"
 _ROTATION = re.compile(_WORD.format(_TURNS, rf"(?:r|(?:{_VECTORS})_)([xyz])"))
 _EULER = re.compile(_WORD.format(_TURNS, "(roll|pitch|yaw)"))
-_KUKA = re.compile(_WORD.format(_TURNS, "([abc])"))
+# Letters of KUKA's and FANUC's controllers for roll, pitch and yaw.
+_LETTERS = [
+    (re.compile(_WORD.format(_TURNS, f"([{axes}])")), axes) for axes in ("cba", "wpr")
+]
 # Quaternions, the last two with the names of mathematics and of trackers.
 _QUATERNIONS = {
     axes: re.compile(QUATERNION.pattern.replace("xyzw", axes))
@@ -324,7 +328,7 @@ def _channels(
     arms = {_SIDE.sub("", c.key) for c in lengths if c.number not in torques}
     torques -= {c.number for c in lengths if _SIDE.sub("", c.key) in arms}
     others = [c for c in lengths if c.number not in torques or c.unit]
-    turns = ((_ROTATION, "xyz"), (_EULER, EULER_CHANNELS), (_KUKA, "cba"))
+    turns = ((_ROTATION, "xyz"), (_EULER, EULER_CHANNELS), *_LETTERS)
     is_pose = orientations or any(_groups(columns, *form) for form in turns)
     if _groups(others, _POSITION, "xyz") or not is_pose:
         lengths = others
@@ -354,15 +358,14 @@ def _channels(
         names_of_commands = ", ".join(c.name for c in next(iter(positions.values())))
         remarks.append(f"{names_of_commands} are commanded; no position is measured")
     angular = [c for c in columns if not c.unit or c.unit in ANGLES]
-    rotations, angles, kuka = (
-        {p: group for p, group in _groups(angular, form, axes).items() if p in prefixes}
-        for form, axes, prefixes in (
-            (_ROTATION, "xyz", {"", *positions}),
-            (_EULER, EULER_CHANNELS, {"", *positions}),
-            (_KUKA, "cba", positions),
-        )
-    )
-    kuka = {p: group for p, group in kuka.items() if _may_be_degrees(group)}
+    rotations, angles, *lettered = (_groups(angular, *form) for form in turns)
+    prefixes = {"", *positions}
+    rotations = {p: group for p, group in rotations.items() if p in prefixes}
+    angles = {p: group for p, group in angles.items() if p in prefixes}
+    for groups in lettered:
+        angles = angles or {
+            p: g for p, g in groups.items() if p in positions and may_be_degrees(g)
+        }
     all_forces = _groups([c for c in columns if c.unit not in LENGTHS], _FORCE, "xyz")
     in_newtons = [c for c in columns if c.unit in FORCES]
     all_forces = all_forces or _groups(in_newtons, _ANY, "xyz")
@@ -376,7 +379,7 @@ def _channels(
         (positions, POSITION_CHANNELS),
         (orientations, QUATERNION_CHANNELS),
         (rotations, ROTATION_CHANNELS),
-        (angles or kuka, EULER_CHANNELS),
+        (angles, EULER_CHANNELS),
         (measured_forces, FORCE_COMPONENTS),
     )
     for groups, axes in roles:
@@ -445,11 +448,6 @@ def _is_length(column: Column) -> bool:
     if column.unit:
         return column.unit in LENGTHS
     return not NO_POSITION.search(column.key[:-1].strip("_"))
-
-
-def _may_be_degrees(group: Sequence[Column]) -> bool:
-    """Return whether no value in a group of columns is greater than a revolution."""
-    return all(np.nanmax(np.abs(c.values), initial=0.0) <= 360 for c in group)
 
 
 def _groups(
