@@ -17,7 +17,9 @@ from pydrake.multibody.plant import (
     MultibodyPlantConfig,
 )
 from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
 from scipy.spatial.transform import Rotation
 
 from fmp_drake.errors import StationError
@@ -31,6 +33,8 @@ from fmp_drake.station.robots.robot import (
     RobotConfig,
 )
 from fmp_drake.station.scenario import LoadScenario
+from fmp_drake.station.scenario_parts import PoseConfig
+from fmp_drake.systems import ImpedanceConfig, OperationalSpaceImpedanceController
 from fmp_drake.systems.interface.arm_model import joint_damping
 
 ARMS = ("panda", "iiwa14", "ur5e")
@@ -665,6 +669,57 @@ def test_a_second_model_of_one_name_in_a_plant_is_refused_by_its_name(
         AddRobot(plant, LoadRobot(robot), tool)
     assert f"the plant already has a model named {name}," in str(caught.value)
     assert "esh" not in str(caught.value)
+    second = AddRobot(plant, LoadRobot(robot), tool, model_name_prefix="left")
+    assert plant.GetModelInstanceName(second.arm) == f"left::{robot}"
+
+
+def test_two_arms_of_a_plant_follow_controllers_of_their_own():
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(MultibodyPlant(time_step=0.001))
+    robots = []
+    for side, y in (("left", 0.6), ("right", -0.6)):
+        config = LoadRobot("panda")
+        config.base_pose = PoseConfig(translation=[0.0, y, 0.0])
+        robots.append(AddRobot(plant, config, model_name_prefix=side))
+        assert plant.GetModelInstanceName(robots[-1].tool) == f"{side}::eraser"
+        for instance in (robots[-1].arm, robots[-1].tool):  # It bears its own weight.
+            plant.set_gravity_enabled(instance, False)
+    plant.Finalize()
+    targets = []
+    for robot, rise in zip(robots, (0.03, -0.03), strict=True):
+        model = MakeRobotModel(robot.config)
+        (X_WE,) = model.tip_poses([robot.config.posture])
+        targets.append(X_WE.translation() + np.array([0.0, 0.0, rise]))
+        controller = builder.AddNamedSystem(
+            f"{plant.GetModelInstanceName(robot.arm)}_controller",
+            OperationalSpaceImpedanceController(
+                model.plant,
+                end_effector=model.tip,
+                X_WT=RigidTransform(),
+                config=robot.config.complete(ImpedanceConfig()),
+                q_posture=np.array(robot.config.posture),
+            ),
+        )
+        for name, value in {
+            "desired_position": targets[-1],
+            "desired_orientation": X_WE.rotation().ToQuaternion().wxyz(),
+            "desired_velocity": np.zeros(3),
+            "desired_acceleration": np.zeros(3),
+        }.items():
+            source = builder.AddSystem(ConstantVectorSource(value))
+            builder.Connect(source.get_output_port(), controller.GetInputPort(name))
+        state = plant.get_state_output_port(robot.arm)
+        builder.Connect(state, controller.GetInputPort("state"))
+        torque = controller.GetOutputPort("torque")
+        builder.Connect(torque, plant.get_actuation_input_port(robot.arm))
+    simulator = Simulator(builder.Build())
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    for robot in robots:
+        plant.SetPositions(context, robot.arm, robot.config.posture)
+    simulator.AdvanceTo(2.0)
+    for robot, target in zip(robots, targets, strict=True):
+        p_WE = robot.tip.CalcPoseInWorld(context).translation()
+        assert_allclose(p_WE, target, atol=2e-3)
 
 
 def test_a_second_scene_in_a_builder_is_refused():

@@ -5,7 +5,12 @@ from math import pi
 import numpy as np
 from pydrake.geometry import Box, Cylinder, Ellipsoid
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia, UnitInertia
+from pydrake.multibody.tree import (
+    ModelInstanceIndex,
+    ScopedName,
+    SpatialInertia,
+    UnitInertia,
+)
 
 from fmp_drake.errors import StationError
 from fmp_drake.numeric import Array
@@ -27,7 +32,9 @@ _FELT = (0.20, 0.21, 0.23)
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex:
+def AddEraser(
+    plant: MultibodyPlant, config: EraserConfig, model_name_prefix: str = ""
+) -> ModelInstanceIndex:
     """Add the model `eraser`: body `eraser` with frames `mount` and `eraser_tip` (E).
 
     The frame of the body is `mount`, on the robot's flange, with z away from the robot.
@@ -57,6 +64,8 @@ def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex
     plant : MultibodyPlant
         Not finalized, without a model of that name.
     config : EraserConfig
+    model_name_prefix : str
+        Scope of the model's name: `left::eraser`.
 
     Returns
     -------
@@ -85,7 +94,7 @@ def AddEraser(plant: MultibodyPlant, config: EraserConfig) -> ModelInstanceIndex
     ]
     return AddModel(
         plant,
-        model="eraser",
+        model=ScopedName.Join(model_name_prefix, "eraser").to_string(),
         link="eraser",
         inertia=_Inertia(x, y),
         parts=parts,

@@ -244,6 +244,8 @@ def AddRobot(
     plant: MultibodyPlant,
     config: RobotConfig,
     tool: Tool | None = None,
+    *,
+    model_name_prefix: str = "",
 ) -> Robot:
     """Add an arm, welded to the world, with its tool on the flange.
 
@@ -256,6 +258,9 @@ def AddRobot(
     config : RobotConfig
     tool : EraserConfig or str, optional
         An eraser, `spoon`, or a model file; the default eraser if None.
+    model_name_prefix : str
+        Scope of the names of both models, as of Drake's `Parser`, with which a plant takes
+        a second arm.
 
     Raises
     ------
@@ -275,7 +280,7 @@ def AddRobot(
         raise StationError(
             "the plant is finalized; add the robot before plant.Finalize()."
         )
-    parser = Parser(plant)
+    parser = Parser(plant, model_name_prefix)
     packages = parser.package_map()
     hint = (
         " Meshes are found relative to the model, or in its package, a folder with a "
@@ -297,7 +302,7 @@ def AddRobot(
         for motor, inertia in zip(motors, inertias, strict=True):
             motor.set_default_rotor_inertia(inertia)
             motor.set_default_gear_ratio(1.0)
-    tool_instance, tip = AddTool(plant, tool or EraserConfig())
+    tool_instance, tip = AddTool(plant, tool or EraserConfig(), model_name_prefix)
     plant.WeldFrames(
         plant.world_frame(),
         plant.GetFrameByName(config.base, arm),
@@ -464,7 +469,9 @@ def check_posture(
             )
 
 
-def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Frame]:
+def AddTool(
+    plant: MultibodyPlant, tool: Tool, model_name_prefix: str = ""
+) -> tuple[ModelInstanceIndex, Frame]:
     """Add a tool with its frame `mount`, and return it with its tip E.
 
     Raises
@@ -473,7 +480,7 @@ def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Fram
         Where a model file is missing, or is not one rigid model with both frames.
     """
     if isinstance(tool, EraserConfig):
-        eraser = AddEraser(plant, tool)
+        eraser = AddEraser(plant, tool, model_name_prefix)
         return eraser, plant.GetFrameByName("eraser_tip", eraser)
     file = models_dir() / "spoon" / "spoon.sdf" if tool == "spoon" else Path(tool)
     if not file.is_file():
@@ -483,7 +490,7 @@ def AddTool(plant: MultibodyPlant, tool: Tool) -> tuple[ModelInstanceIndex, Fram
     with in_one_line(
         f"{tool} is not a tool, one rigid model with the frames mount and tip"
     ):
-        model = _AddOneModel(Parser(plant), str(file))
+        model = _AddOneModel(Parser(plant, model_name_prefix), str(file))
         frames = {plant.get_frame(i).name() for i in plant.GetFrameIndices(model)}
         if missing := {"mount", "tip"} - frames:
             raise StationError(
