@@ -18,7 +18,7 @@ from fmp_drake.primitives.data.channels import (
 from fmp_drake.primitives.data.reading.table import ANGLES, Column, columns_option
 
 # Angles about three axes, whose names do not say in which order the turns are made.
-_TURNS = re.compile(
+_ABOUT_AXES = re.compile(
     r"(.*?)(?<![a-z])(euler(?:_angles?)?|rot(?:ation)?|theta|angles?)_?([xyz])"
 )
 # Greatest angle in rad, if it has no unit: two revolutions.
@@ -58,7 +58,7 @@ def _angles_about_axes(columns: Iterable[Column]) -> list[tuple[Column, ...]]:
     """Return the columns of each three angles about x, y and z."""
     found = defaultdict[tuple[str, str], dict[str, Column]](dict)
     for column in columns:
-        if match := _TURNS.fullmatch(column.key):
+        if match := _ABOUT_AXES.fullmatch(column.key):
             found[match[1], match[2]][match[3]] = column
     return [tuple(f[a] for a in "xyz") for f in found.values() if len(f) == 3]
 
