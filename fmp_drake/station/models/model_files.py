@@ -206,8 +206,8 @@ def name_is_taken(model: str) -> StationError:
     return StationError(
         f"the plant already has a model named {model}, and each needs a name of its own "
         "(a station has an eraser and a whiteboard); choose another name for yours, such "
-        "as that of <robot> in a URDF, or another tool, or give "
-        "AddRobot a model_name_prefix."
+        "as that of <robot> in a URDF, or another tool, or give AddRobot "
+        "a model_name_prefix."
     )
 
 

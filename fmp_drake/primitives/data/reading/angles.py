@@ -1,8 +1,7 @@
 """Units of recorded angles, and recorded orientations as quaternions."""
 
 import re
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,11 +14,16 @@ from fmp_drake.primitives.data.channels import (
     QUATERNION_CHANNELS,
     ROTATION_CHANNELS,
 )
-from fmp_drake.primitives.data.reading.table import ANGLES, Column, columns_option
+from fmp_drake.primitives.data.reading.table import (
+    ANGLES,
+    Column,
+    axis_groups,
+    columns_option,
+)
 
 # Angles about three axes, whose names do not say in which order the turns are made.
 _ABOUT_AXES = re.compile(
-    r"(.*?)(?<![a-z])(euler(?:_angles?)?|rot(?:ation)?|theta|angles?)_?([xyz])"
+    r"(.*?(?<![a-z])(?:euler(?:_angles?)?|rot(?:ation)?|theta|angles?))_?([xyz])"
 )
 # Greatest angle in rad, if it has no unit: two revolutions.
 _LARGEST_ANGLE = 4 * np.pi
@@ -45,22 +49,14 @@ def one_orientation(
     kinds = (QUATERNION_CHANNELS, ROTATION_CHANNELS, EULER_CHANNELS)
     complete = [kind for kind in kinds if set(kind) <= set(channels)]
     if not complete:
-        remarks += map(_unread_angles, _angles_about_axes(channels.values()))
+        groups = axis_groups(list(channels.values()), _ABOUT_AXES, "xyz")
+        remarks += map(_unread_angles, groups.values())
     for kind in complete[1:]:
         omitted = ", ".join(channels[name].name or name for name in kind)
         read = ", ".join(complete[0])
         remarks.append(f"{omitted} left out: the orientation is that of {read}")
         channels = {name: c for name, c in channels.items() if name not in kind}
     return channels
-
-
-def _angles_about_axes(columns: Iterable[Column]) -> list[tuple[Column, ...]]:
-    """Return the columns of each three angles about x, y and z."""
-    found = defaultdict[tuple[str, str], dict[str, Column]](dict)
-    for column in columns:
-        if match := _ABOUT_AXES.fullmatch(column.key):
-            found[match[1], match[2]][match[3]] = column
-    return [tuple(f[a] for a in "xyz") for f in found.values() if len(f) == 3]
 
 
 def _unread_angles(columns: Sequence[Column]) -> str:

@@ -41,9 +41,11 @@ from fmp_drake.primitives.data.reading.table import (
     FORCES,
     LENGTHS,
     LONGEST_GAP,
+    AxisGroups,
     Column,
     ReadingOptions,
     Table,
+    axis_groups,
     column_key,
     columns_option,
     count_text,
@@ -118,10 +120,6 @@ _PARTS = (
     {*QUATERNION_CHANNELS, *ROTATION_CHANNELS, *EULER_CHANNELS},
     {*FORCE_COMPONENTS, FORCE_CHANNEL},
 )
-
-
-# Columns of the axes, by the prefix of their names.
-_Groups = dict[str, tuple[Column, ...]]
 
 
 def recognise_columns(table: Table, options: ReadingOptions) -> Table:
@@ -318,7 +316,7 @@ def _channels(
     Position, orientation and force get standard names.
     """
     labels = dict(zip((c.number for c in columns), _labels(columns), strict=True))
-    found = (_groups(columns, form, axes) for axes, form in _QUATERNIONS.items())
+    found = (axis_groups(columns, form, axes) for axes, form in _QUATERNIONS.items())
     orientations = next(filter(None, found), {})
     lengths = [c for c in columns if _is_length(c)]
     keys = {c.key for c in columns}
@@ -329,17 +327,17 @@ def _channels(
     torques -= {c.number for c in lengths if _SIDE.sub("", c.key) in arms}
     others = [c for c in lengths if c.number not in torques or c.unit]
     turns = ((_ROTATION, "xyz"), (_EULER, EULER_CHANNELS), *_LETTERS)
-    is_pose = orientations or any(_groups(columns, *form) for form in turns)
-    if _groups(others, _POSITION, "xyz") or not is_pose:
+    is_pose = orientations or any(axis_groups(columns, *form) for form in turns)
+    if axis_groups(others, _POSITION, "xyz") or not is_pose:
         lengths = others
-    positions = _groups(lengths, _POSITION, "xyz")
+    positions = axis_groups(lengths, _POSITION, "xyz")
     if "l" in positions:  # Then r is the right hand, not a rotation.
-        hands = _groups(columns, _POSITION, "xyz").items()
+        hands = axis_groups(columns, _POSITION, "xyz").items()
         positions |= {prefix: group for prefix, group in hands if prefix == "r"}
-    joints = max((_groups(columns, JOINT, n) for n in _NUMBERS), key=len)
+    joints = max((axis_groups(columns, JOINT, n) for n in _NUMBERS), key=len)
     joints = {p: g for p, g in joints.items() if not NO_MEASURED_ANGLES.search(p)}
     if not (positions or orientations or joints):
-        in_plane = _groups(lengths, _POSITION, "xy")
+        in_plane = axis_groups(lengths, _POSITION, "xy")
         positions = {p: group for p, group in in_plane.items() if not p}
     # Zeros of a correction or of an absent hand are not a second position.
     moving = {p: g for p, g in positions.items() if any(c.spread for c in g)}
@@ -358,7 +356,7 @@ def _channels(
         names_of_commands = ", ".join(c.name for c in next(iter(positions.values())))
         remarks.append(f"{names_of_commands} are commanded; no position is measured")
     angular = [c for c in columns if not c.unit or c.unit in ANGLES]
-    rotations, angles, *lettered = (_groups(angular, *form) for form in turns)
+    rotations, angles, *lettered = (axis_groups(angular, *form) for form in turns)
     prefixes = {"", *positions}
     rotations = {p: group for p, group in rotations.items() if p in prefixes}
     angles = {p: group for p, group in angles.items() if p in prefixes}
@@ -366,9 +364,11 @@ def _channels(
         angles = angles or {
             p: g for p, g in groups.items() if p in positions and may_be_degrees(g)
         }
-    all_forces = _groups([c for c in columns if c.unit not in LENGTHS], _FORCE, "xyz")
+    all_forces = axis_groups(
+        [c for c in columns if c.unit not in LENGTHS], _FORCE, "xyz"
+    )
     in_newtons = [c for c in columns if c.unit in FORCES]
-    all_forces = all_forces or _groups(in_newtons, _ANY, "xyz")
+    all_forces = all_forces or axis_groups(in_newtons, _ANY, "xyz")
     # Of a Franka arm's forces, that in the frame of its base (o) goes with its pose.
     measured_forces = {
         p: group
@@ -413,14 +413,14 @@ def _channels(
     return channels
 
 
-def _of_body(groups: _Groups, prefix: str) -> _Groups:
+def _of_body(groups: AxisGroups, prefix: str) -> AxisGroups:
     """Return the groups of the body that a prefix names: `left_ee` beside `left`."""
     body = _NO_BODY.sub("", prefix)
     return {p: group for p, group in groups.items() if _NO_BODY.sub("", p) == body}
 
 
 def _choice(
-    what: str, groups: _Groups, channels: Sequence[str], chosen: Sequence[Column]
+    what: str, groups: AxisGroups, channels: Sequence[str], chosen: Sequence[Column]
 ) -> str:
     """Return a remark on several groups, with the option that chooses columns of one."""
     listed = ", ".join(group[0].name for group in groups.values())
@@ -430,8 +430,8 @@ def _choice(
 
 
 def _without_commanded(
-    positions: _Groups, orientations: _Groups, *, has_joints: bool
-) -> tuple[_Groups, _Groups, list[Column]]:
+    positions: AxisGroups, orientations: AxisGroups, *, has_joints: bool
+) -> tuple[AxisGroups, AxisGroups, list[Column]]:
     """Return the measured groups, or all if nothing is measured, and commanded columns."""
     remaining, commanded = [], list[Column]()
     for groups in (positions, orientations):
@@ -448,30 +448,6 @@ def _is_length(column: Column) -> bool:
     if column.unit:
         return column.unit in LENGTHS
     return not NO_POSITION.search(column.key[:-1].strip("_"))
-
-
-def _groups(
-    columns: Sequence[Column], form: re.Pattern[str], axes: Sequence[str]
-) -> _Groups:
-    """Return groups of columns by their prefixes, with one column for each axis.
-
-    Columns whose names differ in the axis alone, unlike `x` and `tcp_y`, come first.
-    """
-    groups: dict[str, dict[str, Column]] = {}
-    keys = {column.key for column in columns}
-    found = [(match, c) for c in columns if (match := form.fullmatch(c.key))]
-    for are_alike in (True, False):
-        for match, column in found:
-            start, end = match.span(2)
-            alike = {f"{column.key[:start]}{axis}{column.key[end:]}" for axis in axes}
-            if (alike <= keys) == are_alike:
-                groups.setdefault(match[1] or "", {}).setdefault(match[2], column)
-    complete = {
-        prefix: tuple(group[axis] for axis in axes)
-        for prefix, group in groups.items()
-        if set(group) == set(axes)
-    }
-    return {"": complete[""]} if "" in complete else complete
 
 
 def _unit(column: Column, channel: str, options: ReadingOptions) -> str:

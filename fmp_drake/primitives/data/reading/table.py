@@ -491,6 +491,34 @@ def repeated_names(columns: Sequence[Column], shown: str) -> str:
     )
 
 
+AxisGroups = dict[str, tuple[Column, ...]]
+"""Columns of the axes, by the prefix of their names."""
+
+
+def axis_groups(
+    columns: Sequence[Column], form: re.Pattern[str], axes: Sequence[str]
+) -> AxisGroups:
+    """Return groups of columns by their prefixes, with one column for each axis.
+
+    Columns whose names differ in the axis alone, unlike `x` and `tcp_y`, come first.
+    """
+    groups: dict[str, dict[str, Column]] = {}
+    keys = {column.key for column in columns}
+    found = [(match, c) for c in columns if (match := form.fullmatch(c.key))]
+    for are_alike in (True, False):
+        for match, column in found:
+            start, end = match.span(2)
+            alike = {f"{column.key[:start]}{axis}{column.key[end:]}" for axis in axes}
+            if (alike <= keys) == are_alike:
+                groups.setdefault(match[1] or "", {}).setdefault(match[2], column)
+    complete = {
+        prefix: tuple(group[axis] for axis in axes)
+        for prefix, group in groups.items()
+        if set(group) == set(axes)
+    }
+    return {"": complete[""]} if "" in complete else complete
+
+
 def column_key(name: str) -> str:
     """Return a name in lower case, its words joined by underscores: `X Position`, `pos_x`."""
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
